@@ -645,7 +645,6 @@ typedef struct {
     ts_real doubt;                    /* error over the range that the dynamics of the settings leave */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
-    bool guessed;                     /* its resonance is that of the settings, or of two half-waves */
     int doubted;                      /* windows in which that error has not fallen */
 } ts_stage;
 

@@ -115,10 +115,11 @@ TS_API void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const
 
 /* ringing.c */
 TS_API void ts_keep_weights(ts_controller *c, bool start);
-TS_API bool ts_begin_with_stage(ts_controller *c);
+TS_API void ts_watch_burst(ts_controller *c, ts_real error);
 TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_limit);
 
 /* learned.c */
+TS_API bool ts_shows_gain(const ts_controller *c);
 TS_API void ts_take_first(ts_controller *c, bool gain_only);
 TS_API void ts_keep_start(ts_controller *c);
 TS_API void ts_begin_growth(ts_controller *c, bool first);

@@ -195,7 +195,6 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     c->stage.smoothing = s->smoothing;
     if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
-    c->stage.guessed = false;
     int place = c->of_plays + s->terms[TS_CREEP];
     ts_real lag = FOUND_LAG * time + (frequency > STIFF ? s->oscillation.tick : 0);
     if (s->terms[TS_LAG] > 0) put_weight(c, place++, lag * lag);
@@ -293,6 +292,12 @@ static ts_real noisy(const ts_controller *c)
     return NOISY * noise * noise;
 }
 
+/* Whether the resonance of the stage is that of the settings: nothing has shown it. */
+static bool is_assumed(const ts_controller *c)
+{
+    return !(c->stage.resonance < c->settings->resonance || c->stage.resonance > c->settings->resonance);
+}
+
 /* Whether a stage may be put into the model now: the last strains are known, and the sensor is not late. */
 static bool may_have_stage(const ts_controller *c)
 {
@@ -314,14 +319,14 @@ static bool matters(const ts_controller *c)
 {
     const ts_resonance *r = &c->resonance;
     if (!may_have_stage(c)) return false;
-    bool guessed = c->found.known && c->stage.guessed;
+    bool assumed = c->found.known && is_assumed(c);
     bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c);
     if (bursts && !(r->driven > DRIVEN)) return false;
-    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !guessed)) return false;
+    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
-        return moved * moved > MOVED * MOVED && (guessed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
+        return moved * moved > MOVED * MOVED && (assumed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
     }
     if (is_given(c)) {
         const ts_guard *g = &c->guard;
@@ -422,6 +427,5 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     forget_lag(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
-    c->stage.guessed = assumes;
     if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

@@ -102,12 +102,18 @@ static void hand_over(ts_controller *c)
     c->feedback.alarms = 2 * PAUSE;
 }
 
-/* Until weights are kept: the first ones, with the gain that was measured, from the first measurement on. With `gain_only` terms beside
- * the plays stay. */
+/* Whether measurements have shown the gain of the first weights: until others are kept. */
+bool ts_shows_gain(const ts_controller *c)
+{
+    const ts_first_gain *g = &c->kept.watch.gain;
+    return !c->guard.kept && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
+}
+
+/* The first weights, with the gain that was measured, from the first measurement on. With `gain_only` terms beside the plays stay. */
 void ts_take_first(ts_controller *c, bool gain_only)
 {
     const ts_first_gain *g = &c->kept.watch.gain;
-    bool shown = !c->guard.kept && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
+    bool shown = ts_shows_gain(c);
     ts_real gain = shown ? within(g->product / g->square, 1 / MOST_GAIN, MOST_GAIN) : 1;
     int changed = gain_only ? c->of_plays : c->parameters;
     memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)changed);
@@ -286,19 +292,20 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     ts_real noise = g->kept ? c->kept.sigma : k->sigma;
     if (noise < c->resolution) noise = c->resolution;
     if (c->stage.resonance > 0) g->swings = 0; /* known: what rings there is judged by its windows */
-    if (!g->kept && !g->held && size_of(error) > ts_guard_range(g, &s->guard) && size_of(error) > s->oscillation.large )
-        ts_begin_with_stage(c);
+    if (!dynamics_of(c)->known) ts_watch_burst(c, error);
+    bool kept = g->kept;
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
     case TS_GUARD_KEEP:
         weights_at_best(c);
         c->stage.trial = false;
         break;
     case TS_GUARD_RESTORE:
-        if (g->kept) take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, g->swings < TS_SWINGS); /* a swing is no offset */
-        else {
+        memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
+        end_trial(c);
+        if (ts_shows_gain(c)) {
             ts_take_first(c, false);
             hand_over(c);
-        }
+        } else take_weights(c, c->kept.begun ? c->kept.first : c->kept.w, !(g->kept && g->swings >= TS_SWINGS)); /* a swing is no offset */
         c->counters.restored++;
         break;
     case TS_GUARD_FIRST:
@@ -323,6 +330,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     case TS_GUARD_NOTHING:
     default: break;
     }
+    if (g->kept != kept) c->kept.watch.gain.ticks = 0;
     if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;

@@ -3,7 +3,6 @@
 
 #include <string.h>
 
-#define PULLED ((ts_real)1.08)    /* times the frequency of an oscillation that the law drives: the resonance */
 #define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
 #define NOT_BELOW ((ts_real)0.2)  /* of the known resonance: a slower error is that of the motion */
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
@@ -21,34 +20,13 @@ void ts_keep_weights(ts_controller *c, bool start)
     c->stage.age = 0;
 }
 
-/* Before anything was good, two half-waves of one length put the stage into the model, and the law begins anew. Whether they do. */
-bool ts_begin_with_stage(ts_controller *c)
-{
-    ts_oscillation *o = &c->oscillation;
-    const ts_sensor *late = &c->settings->sensor;
-    if (o->found || c->guard.kept || c->stage.failed || c->stage.resonance > 0 || dynamics_of(c)->known) return false;
-    if (o->regular < 2 || c->hold || c->lagged.ticks < 8 || late->ticks > 0 || late->share > 0 || late->lag > 0) return false;
-    ts_real frequency = PULLED * ts_oscillation_frequency(o, 2);
-    if (!ts_oscillation_is_fast(o, frequency)) return false;
-    o->found = true;
-    c->stage.resonance = frequency;
-    c->counters.oscillating++;
-    ts_resonance_look(&c->resonance, frequency);
-    ts_begin_anew(c);
-    ts_adopt_stage(c, frequency, o->peaks[0]);
-    c->stage.guessed = true;
-    c->stage.before.growth.late = 1; /* it excites the second mode, too */
-    return true;
-}
-
 /* The first time: earlier weights are restored, with the covariance of the prior. Then adaptation pauses, with a lower
  * filter, until the frequency of the ringing is measured. */
 static void retreat(ts_controller *c, ts_real frequency)
 {
-    if (ts_begin_with_stage(c)) return;
     if (!c->oscillation.found) {
-        if (c->guard.kept) memcpy(c->w, c->stage.before.older, sizeof(ts_real) * (size_t)c->parameters);
-        else ts_take_first(c, false);
+        if (ts_shows_gain(c)) ts_take_first(c, false);
+        else memcpy(c->w, c->stage.before.older, sizeof(ts_real) * (size_t)c->parameters);
         ts_keep_weights(c, true);
         ts_kalman_reset_covariance(&c->law.kalman, prior_of(c->settings), c->parameters);
     }
@@ -59,6 +37,16 @@ static void retreat(ts_controller *c, ts_real frequency)
     c->oscillation.regular = 0;
     c->oscillation.found = true;
     c->counters.oscillating++;
+}
+
+/* Before anything was good, an error beyond the motion so far: two half-waves of one length are an oscillation. */
+void ts_watch_burst(ts_controller *c, ts_real error)
+{
+    const ts_oscillation *o = &c->oscillation;
+    bool burst = size_of(error) > ts_guard_range(&c->guard, &c->settings->guard) && size_of(error) > c->settings->oscillation.large;
+    if (!burst || o->found || c->guard.kept || c->guard.held > 0 || c->stage.rest > 0 || c->stage.resonance > 0 || o->regular < 2) return;
+    ts_real frequency = ts_oscillation_frequency(o, 2);
+    if (ts_oscillation_is_fast(o, frequency)) retreat(c, frequency);
 }
 
 /* Ringing at the resonance counts as noise: its variance after the filter, over the ticks of half a half-wave, times
@@ -128,7 +116,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_lim
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
     if (at_limit) o->sign = o->regular = 0; /* the law does not cause the error there */
     count_ringing(c);
-    if (!c->guard.kept && (c->guard.held > 0 || c->stage.rest > 0)) { /* nothing but the gain is learned */
+    if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) { /* nothing but the gain is learned */
         ts_take_first(c, true);
         ts_keep_command(c);
     }
@@ -142,9 +130,9 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_lim
         return;
     }
     if (c->stage.rest > 0) {
-        c->stage.rest = o->regular >= (c->guard.kept ? REST_HALF_WAVES : 3) || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
-        if (!(c->stage.rest > 0) && o->regular >= (c->guard.kept ? 4 : 2)) {
-            ts_real frequency = ts_oscillation_frequency(o, o->regular < 4 ? 2 : o->regular < 6 ? 4 : 6);
+        c->stage.rest = o->regular >= REST_HALF_WAVES || c->stage.rest < 1 ? 0 : c->stage.rest - 1;
+        if (!(c->stage.rest > 0) && o->regular >= 4) {
+            ts_real frequency = ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6);
             if (ts_oscillation_is_fast(o, frequency)) know_resonance(c, frequency);
         }
     } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !at_limit && found > NOT_BELOW * c->stage.resonance && !c->hold) {

@@ -167,7 +167,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_tap", &f.tap[0], TS_TAPS);
         visit("found_lead", &f.lead[0], 2);
         visit("found_since", &c.stage.since, 1);
-        visit("found_failed", &c.stage.failed, 3);
+        visit("found_failed", &c.stage.failed, 2);
         visit("given_doubt", &c.stage.doubt, 1);
         visit("given_doubted", &c.stage.doubted, 1);
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));

@@ -406,18 +406,20 @@ class FirstGain:
         self.z = self.expected = 0.0  # and behind the pole since
 
     @property
+    def shown(self) -> bool:
+        """Whether measurements have shown it."""
+        return self.first is not None and self.product > 0
+
+    @property
     def ratio(self) -> float:
         """Times the first gain."""
-        if self.first is None or not self.product > 0:
-            return 1.0
         return min(max(self.product / self.square, 1 / MOST_GAIN), MOST_GAIN)
 
     @property
     def offset(self) -> float:
         """Displacement in the first tick that the gain leaves unexplained, um."""
-        if self.first is None or not self.product > 0:
-            return 0.0
-        return self.first[0] - self.ratio * self.first[1]
+        z, expected = self.first or (0.0, 0.0)
+        return z - self.ratio * expected
 
     def update(self, expected: float, z: float) -> None:
         """One tick: what the first weights predict, and what was measured, um."""

@@ -99,14 +99,18 @@ def begin_anew(c: State, law: FilteringLaw) -> None:
     law.reset_covariance()
 
 
+def shows_gain(c: State) -> bool:
+    """Whether measurements have shown the gain of the first weights: until others are kept."""
+    return not c.kept.guard.kept and c.kept.gain.shown and not is_identified(c)
+
+
 def take_first(c: State, law: FilteringLaw, *, gain_only: bool = False) -> None:
-    """Until weights are kept: the first ones, with the gain that was measured, from the first measurement on.
+    """The first weights, with the gain that was measured, from the first measurement on.
 
     With `gain_only` terms beside the plays stay.
     """
-    kept, plays = c.kept, c.settings.columns["creep"].start
-    shown = not (kept.guard.kept or is_identified(c))
-    weights = law.weights.copy() if gain_only else kept.first.copy()
+    kept, plays, shown = c.kept, c.settings.columns["creep"].start, shows_gain(c)
+    weights = c.weights if gain_only else kept.first.copy()
     weights[:plays] = (kept.gain.ratio if shown else 1.0) * kept.first[:plays]
     law.weights = weights
     if shown and not gain_only:
@@ -150,7 +154,6 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
     law.filter = corner / (1 + corner)
     law.disturbance = law.caution = 0.0
     stage.smoothing, stage.inertia = max(c.members["smoothing"], 1 / (1 + frequency)), 0.0
-    stage.guessed = False
     lag = FOUND_LAG * time + (tick if frequency > STIFF else 0.0)
     inertia = FOUND_INERTIA * (time * time)
     places = {s.columns["lag"].start: lag * lag} if s.lag else {}
@@ -283,17 +286,17 @@ def matters(c: State) -> bool:
     law, known, stage = c.filtering, c.estimator, c.stage
     if law is None or not may_have_stage(c):
         return False
-    guessed = stage.found and stage.guessed
+    assumed = stage.found and stage.resonance == c.members["resonance"]  # it was given, and nothing has shown it
     bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)
     if bursts and not known.driven > DRIVEN:
         return False
-    if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not guessed):
+    if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
-        far = moved * moved > MOVED * MOVED and (guessed or moved * moved < FURTHER * FURTHER)
+        far = moved * moved > MOVED * MOVED and (assumed or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:
         guard = c.kept.guard
@@ -394,7 +397,6 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
     adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
-    c.stage.guessed = assumes
     if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
         c.stage.growth.late = True  # a burst excites the second mode, too
 

@@ -16,10 +16,11 @@ from truestroke.control.reference.found import (
     forget_stage,
     give_up_stage,
     move_offset,
+    shows_gain,
     stage_is_shown,
     take_first,
 )
-from truestroke.control.reference.ringing import begin_with_stage
+from truestroke.control.reference.ringing import watch_burst
 from truestroke.control.reference.state import Growth, Kept, State
 from truestroke.control.reference.terms import through_dead_zones
 from truestroke.model.operators import dot
@@ -28,6 +29,9 @@ PAUSE = 100.0  # 1/s: rate of sudden changes from which on the feedback pauses
 FALLEN = 0.8  # of an error that the dynamics leave: learning makes it smaller
 MOST_CAUTION = 0.1  # of the motion's range: the largest error that counts as noise after learning has failed
 CAUTIOUS = 100  # times the variance of a measurement: from there on the law follows no drift
+
+SLOWER = 8  # times as slow as the poles of the oscillation: the pole of the first gain
+SURE = 10  # of a window: for so long a displacement of the floor is as sure as the first gain
 
 BLOCK = 0.25  # s: over which an error is taken
 GREW = 1.4  # times the least of a block: an error that has grown,
@@ -46,7 +50,7 @@ LONGEST_HOLD = 256  # blocks
 def first_gain(c: State) -> FirstGain:
     """Of the weights of the start: nothing is known."""
     floor = c.guarding.floor
-    return FirstGain(c.oscillation.slow / 8, floor * floor * c.guarding.window / 10)
+    return FirstGain(c.oscillation.slow / SLOWER, floor * floor * c.guarding.window / SURE)
 
 
 def keep_start(c: State) -> None:
@@ -284,20 +288,21 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
     noise = max(kept.knowledge[1] if guard.kept else law.sigma, c.resolution)
     if c.stage.resonance > 0:  # known: what rings there is judged by its windows
         guard.swings = 0
-    if not guard.kept and not guard.held > 0 and abs(error) > max(guard.range, c.oscillation.large):
-        begin_with_stage(c, law)
+    if c.path is None:
+        watch_burst(c, law, error)
+    known = guard.kept
     match guard.update(error, z_d, counts=counts and not resting, noise=noise):
         case Action.KEEP:
             weights_at_best(c, law)
         case Action.RESTORE:
             kept.aside = law.weights
             end_trial(c, law)
-            if guard.kept:  # a swing is no offset
-                weights = kept.first if kept.begun else kept.weights
-                take_weights(c, law, weights, earlier=guard.swings < SWINGS)
-            else:
+            if shows_gain(c):
                 take_first(c, law)
                 hand_over(c)
+            else:
+                swings = guard.kept and guard.swings >= SWINGS  # a swing is no offset
+                take_weights(c, law, kept.first if kept.begun else kept.weights, earlier=not swings)
             c.count(restored=True)
         case Action.FIRST:
             if not stage_is_shown(c, law):
@@ -315,6 +320,9 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
                 forget_stage(c)
                 c.stage.detector.found = False
             take_weights(c, law, kept.aside, earlier=False)
+    if guard.kept is not known:
+        kept.gain.begin()
+        kept.recall.ticks = 0
     if guard.ticks == 0 and c.is_given:
         doubt_dynamics(c, guard.error)
     if guard.held > 0 or law.caution > CAUTIOUS * (law.sigma * law.sigma):

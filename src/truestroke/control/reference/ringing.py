@@ -6,10 +6,9 @@ from itertools import pairwise
 
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.reference.command import keep_command
-from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, take_first
+from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, shows_gain, take_first
 from truestroke.control.reference.state import State
 
-PULLED = 1.08  # times the frequency of an oscillation that the law drives: the resonance
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
 REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
@@ -20,36 +19,14 @@ DECAYED = 0.98  # of the first of them: the last one is smaller, or something dr
 UNEVEN = 2  # times as large as one beside it: the half-wave is not that of a ringing
 
 
-def begin_with_stage(c: State, law: FilteringLaw) -> bool:
-    """Before anything was good, two half-waves of one length put the stage into the model, and the law begins anew."""
-    stage, detector = c.stage, c.stage.detector
-    known = detector.found or c.kept.guard.kept or stage.failed or stage.resonance > 0 or c.path is not None
-    if known or detector.regular < 2 or c.held or c.sensor.late or c.lagged.ticks < 8:
-        return False
-    frequency = PULLED * detector.frequency(2)
-    if not detector.is_fast(frequency):
-        return False
-    detector.found, stage.resonance = True, frequency
-    c.count(oscillating=True)
-    c.estimator.look(frequency)
-    begin_anew(c, law)
-    adopt_stage(c, law, frequency, detector.peaks[0])
-    stage.guessed = True
-    if stage.growth is not None:
-        stage.growth.late = True  # it excites the second mode, too
-    return True
-
-
 def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
     """The first time: earlier weights, the covariance of the prior; then a pause, with a lower filter."""
     stage = c.stage
-    if begin_with_stage(c, law):
-        return
     if not stage.detector.found:
-        if c.kept.guard.kept:
-            law.weights = stage.older
-        else:
+        if shows_gain(c):
             take_first(c, law)
+        else:
+            law.weights = stage.older
         stage.newer = stage.older = law.weights
         stage.age = 0.0
         law.reset_covariance()
@@ -58,6 +35,17 @@ def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
     stage.rest, stage.since = 1 + REST_PERIODS / frequency, c.counters["commands"]
     stage.detector.regular, stage.detector.found = 0, True
     c.count(oscillating=True)
+
+
+def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
+    """Before anything was good, an error beyond the motion so far: two half-waves of one length are an oscillation."""
+    stage, detector, guard = c.stage, c.stage.detector, c.kept.guard
+    known = detector.found or guard.kept or guard.held > 0 or stage.rest > 0 or stage.resonance > 0
+    if known or detector.regular < 2 or not abs(error) > max(guard.range, c.oscillation.large):
+        return
+    frequency = detector.frequency(2)
+    if detector.is_fast(frequency):
+        retreat(c, law, frequency)
 
 
 def noise_of(c: State, law: FilteringLaw) -> float:
@@ -125,7 +113,7 @@ def watch_stage(c: State, error: float, zdot_d: float, at_limit: bool) -> None:
     if at_limit:
         detector.sign = detector.regular = 0  # the law does not cause the error there
     count_ringing(c, law)
-    if not c.kept.guard.kept and (c.kept.guard.held > 0 or stage.rest > 0):  # nothing but the gain is learned
+    if shows_gain(c) and (c.kept.guard.held > 0 or stage.rest > 0):  # nothing but the gain is learned
         take_first(c, law, gain_only=True)
         keep_command(c)
     if rings_freely(c):
@@ -135,10 +123,9 @@ def watch_stage(c: State, error: float, zdot_d: float, at_limit: bool) -> None:
         adopt_stage(c, law, stage.resonance, detector.peaks[0])
         return
     if stage.rest > 0:
-        enough, least = (REST_HALF_WAVES, 4) if c.kept.guard.kept else (3, 2)
-        stage.rest = 0.0 if detector.regular >= enough or stage.rest < 1 else stage.rest - 1
-        if not stage.rest > 0 and detector.regular >= least:
-            frequency = detector.frequency(2 if detector.regular < 4 else 4 if detector.regular < 6 else 6)
+        stage.rest = 0.0 if detector.regular >= REST_HALF_WAVES or stage.rest < 1 else stage.rest - 1
+        if not stage.rest > 0 and detector.regular >= 4:
+            frequency = detector.frequency(4 if detector.regular < 6 else 6)
             if detector.is_fast(frequency):
                 know_resonance(c, law, frequency)
     elif (

@@ -78,7 +78,6 @@ class FirstResonance:
     found: bool = False  # it is in the model
     failed: bool = False  # with the stage that was found learning has failed,
     trial: bool = False  # or has not been better than before yet
-    guessed: bool = False  # its resonance is that of the settings, or of two half-waves
     doubt: float = 0.0  # error over the range that the dynamics of the settings leave,
     doubted: int = 0  # and windows in which it has not fallen
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
