@@ -303,7 +303,7 @@ TS_API void ts_oscillation_miss(ts_oscillation *o, const ts_oscillation_settings
 /* One tick: error (um), motion (um/s), standard deviation of a measurement (um). Returns the frequency of an oscillation
  * that grows, cycles per tick, or 0. */
 TS_API ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_settings *s, ts_real error, ts_real zdot_d,
-                                   ts_real noise);
+                                   ts_real noise, bool learned);
 
 /* Cycles per tick of the last n half-waves, 1 <= n <= o->regular. */
 TS_API ts_real ts_oscillation_frequency(const ts_oscillation *o, int n);

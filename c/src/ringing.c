@@ -113,7 +113,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_lim
 {
     const ts_settings *s = c->settings;
     ts_oscillation *o = &c->oscillation;
-    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c));
+    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c), c->guard.kept);
     if (at_limit) o->sign = o->regular = 0; /* the law does not cause the error there */
     count_ringing(c);
     if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) { /* nothing but the gain is learned */

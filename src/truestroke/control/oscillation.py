@@ -96,7 +96,7 @@ class OscillationDetector:
         self.missed = 0  # ticks before this one of which there is no error
         self.started = self.found = False
 
-    def update(self, error: float, zdot_d: float, noise: float) -> float:
+    def update(self, error: float, zdot_d: float, noise: float, *, learned: bool = True) -> float:
         """One tick: error, um, desired velocity, um/s, standard deviation of a measurement, um.
 
         Returns the frequency of an oscillation that grows, cycles per tick, or 0.
@@ -120,6 +120,8 @@ class OscillationDetector:
         if self.peaks[n - 1] > 5 * s.large or abs(self.slow) > 10 * s.large:  # it begins small and on the way
             return 0.0
         frequency = self.frequency(n)
+        if n < 6 and learned and 3 * frequency > s.corner:  # a high one has many half-waves before it is large
+            return 0.0
         return frequency if self._is_of_the_stage(frequency, peak) else 0.0
 
     def miss(self, error: float | None) -> None:

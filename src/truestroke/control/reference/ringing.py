@@ -109,7 +109,7 @@ def watch_stage(c: State, error: float, zdot_d: float, at_limit: bool) -> None:
     law, stage, detector = c.filtering, c.stage, c.stage.detector
     if law is None or not c.oscillation.tick > 0:
         return
-    found = detector.update(error, zdot_d, noise_of(c, law))
+    found = detector.update(error, zdot_d, noise_of(c, law), learned=c.kept.guard.kept)
     if at_limit:
         detector.sign = detector.regular = 0  # the law does not cause the error there
     count_ringing(c, law)
