@@ -330,7 +330,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     case TS_GUARD_NOTHING:
     default: break;
     }
-    if (g->kept != kept) c->kept.watch.gain.ticks = 0;
+    if (g->kept != kept) memset(&c->kept.watch, 0, sizeof c->kept.watch);
     if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;

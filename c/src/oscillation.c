@@ -140,6 +140,6 @@ ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_settings *s,
     if (n == 0 || !(peak > s->floor)) return 0;
     if (o->peaks[n - 1] > 5 * s->large || size_of(o->slow) > 10 * s->large) return 0; /* it begins small and on the way */
     ts_real frequency = ts_oscillation_frequency(o, n);
-    if (n < 6 && learned && 3 * frequency > s->corner) return 0; /* a high one has many half-waves before it is large */
+    if (n < (learned ? 6 : 2) && 3 * frequency > s->corner) return 0; /* a high one has many half-waves before it is large */
     return is_of_the_stage(o, s, frequency, peak) ? frequency : 0;
 }
