@@ -300,8 +300,8 @@ typedef struct {
 /* A tick without a measurement (NULL), or the error of one that was rejected: it is checked for a jump only. */
 TS_API void ts_oscillation_miss(ts_oscillation *o, const ts_oscillation_settings *s, const ts_real *error);
 
-/* One tick: error (um), motion (um/s), standard deviation of a measurement (um). Returns the frequency of an oscillation
- * that grows, cycles per tick, or 0. */
+/* One tick: error (um), motion (um/s), standard deviation of a measurement (um), whether weights were good. Returns the frequency of
+ * an oscillation that grows, cycles per tick, or 0. */
 TS_API ts_real ts_oscillation_tick(ts_oscillation *o, const ts_oscillation_settings *s, ts_real error, ts_real zdot_d,
                                    ts_real noise, bool learned);
 
@@ -376,8 +376,8 @@ typedef struct {
 typedef struct {
     ts_real product, square; /* um^2: sums over the ticks */
     ts_real first, from;     /* um: the first measurement, and what was predicted then */
-    ts_real z, expected;     /* um: measured and predicted, behind a slow pole */
-    ts_real rest;
+    ts_real z, expected;     /* um: measured and predicted since, behind a slow pole */
+    ts_real unused;          /* as long as ts_recall */
     int ticks;               /* 0: none yet */
 } ts_first_gain;
 

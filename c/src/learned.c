@@ -3,7 +3,9 @@
 
 #include <string.h>
 
-#define MOST_GAIN ((ts_real)20)    /* times the first gain, or a share of it */
+#define SLOWER 8                    /* times as slow as the poles of the oscillation: the pole of the first gain */
+#define SURE 10                     /* of a window: for so long a displacement of the floor is as sure as the first gain */
+#define MOST_GAIN ((ts_real)20)     /* times the first gain, or a share of it */
 #define FALLEN ((ts_real)0.8)       /* of an error that the dynamics leave: learning makes it smaller */
 #define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
 #define CAUTIOUS 100                /* times the variance of a measurement: from there on the law follows no drift */
@@ -74,9 +76,9 @@ void ts_keep_start(ts_controller *c)
 static void follow_gain(ts_controller *c, const ts_real *u, ts_real z)
 {
     ts_first_gain *g = &c->kept.watch.gain;
-    ts_real slow = c->settings->oscillation.slow / 8, expected = dot(c->kept.first, u, TS_PADDED(c->parameters)), least = c->settings->guard.floor;
+    ts_real slow = c->settings->oscillation.slow / SLOWER, expected = dot(c->kept.first, u, TS_PADDED(c->parameters)), least = c->settings->guard.floor;
     if (g->ticks == 0) {
-        g->product = g->square = least * least * (ts_real)c->settings->guard.window / 10;
+        g->product = g->square = least * least * (ts_real)c->settings->guard.window / SURE;
         g->first = z;
         g->from = expected;
         g->z = g->expected = 0;

@@ -39,13 +39,15 @@ static void retreat(ts_controller *c, ts_real frequency)
     c->counters.oscillating++;
 }
 
-/* Before anything was good, an error beyond the motion so far: two half-waves of one length are an oscillation. */
+/* Before anything was good, an error beyond the motion so far: one half-wave that has ended is enough for an oscillation. */
 void ts_watch_burst(ts_controller *c, ts_real error)
 {
     const ts_oscillation *o = &c->oscillation;
-    bool burst = size_of(error) > ts_guard_range(&c->guard, &c->settings->guard) && size_of(error) > c->settings->oscillation.large;
-    if (!burst || o->found || c->guard.kept || c->guard.held > 0 || c->stage.rest > 0 || c->stage.resonance > 0 || o->regular < 2) return;
-    ts_real frequency = ts_oscillation_frequency(o, 2);
+    const ts_guard *g = &c->guard;
+    bool burst = size_of(error) > ts_guard_range(g, &c->settings->guard) && size_of(error) > c->settings->oscillation.large;
+    bool known = o->found || g->kept || g->held > 0 || c->stage.rest > 0 || c->stage.resonance > 0;
+    if (!burst || known || o->regular < 1) return;
+    ts_real frequency = ts_oscillation_frequency(o, o->regular < 2 ? 1 : 2);
     if (ts_oscillation_is_fast(o, frequency)) retreat(c, frequency);
 }
 

@@ -48,7 +48,8 @@ class OscillationDetector:
 
     - of six half-waves in a row the last peak is 1.8 times the first one, and none is below 3/4 of the one before it;
     - or, below a third of the corner, where there is no time for six: three peaks grow by 1.5 each, or the half-wave
-      that goes on is already far larger than two before it, or, in the first 0.2 s, than one, and no jump;
+      that goes on is already far larger than two before it, or, in the first 0.2 s, than one, and no jump; while
+      nothing was `learned`, that is so above a third of the corner, too, but for the single one;
     - or twelve are large and do not decay.
 
     Hum is as large from its first half-wave on, and the error of a motion makes one of them larger. So the peaks before
@@ -97,7 +98,7 @@ class OscillationDetector:
         self.started = self.found = False
 
     def update(self, error: float, zdot_d: float, noise: float, *, learned: bool = True) -> float:
-        """One tick: error, um, desired velocity, um/s, standard deviation of a measurement, um.
+        """One tick: error, um, desired velocity, um/s, standard deviation of a measurement, um; whether weights were good.
 
         Returns the frequency of an oscillation that grows, cycles per tick, or 0.
         """
@@ -120,7 +121,7 @@ class OscillationDetector:
         if self.peaks[n - 1] > 5 * s.large or abs(self.slow) > 10 * s.large:  # it begins small and on the way
             return 0.0
         frequency = self.frequency(n)
-        if n < 6 and learned and 3 * frequency > s.corner:  # a high one has many half-waves before it is large
+        if n < (6 if learned else 2) and 3 * frequency > s.corner:
             return 0.0
         return frequency if self._is_of_the_stage(frequency, peak) else 0.0
 

@@ -38,12 +38,15 @@ def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
 
 
 def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
-    """Before anything was good, an error beyond the motion so far: two half-waves of one length are an oscillation."""
+    """Before anything was good, an error beyond the motion so far.
+
+    One half-wave that has ended is enough for an oscillation.
+    """
     stage, detector, guard = c.stage, c.stage.detector, c.kept.guard
     known = detector.found or guard.kept or guard.held > 0 or stage.rest > 0 or stage.resonance > 0
-    if known or detector.regular < 2 or not abs(error) > max(guard.range, c.oscillation.large):
+    if known or detector.regular < 1 or not abs(error) > max(guard.range, c.oscillation.large):
         return
-    frequency = detector.frequency(2)
+    frequency = detector.frequency(min(detector.regular, 2))
     if detector.is_fast(frequency):
         retreat(c, law, frequency)
 
