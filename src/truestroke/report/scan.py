@@ -149,7 +149,7 @@ def _lines(found: Recorded, theme: Theme) -> Figure:
         panel.set_title(f"error of {name}")
         panel.set(xlabel=f"{found.axes[0]} (µm)")
     panels[0].set(ylabel="error (nm)")
-    panels[0].legend(loc="best", handlelength=1.2)
+    style.legend_above(panels[0])
     return figure
 
 
