@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import ImageError, ScanRecord, SettingError, scans
 from truestroke.cli import main
-from truestroke.identification.unwarp import triggered
+from truestroke.identification.unwarp import mirrored, read_scan_record, triggered
 from truestroke.plant import StagePlant, StageSettings
 
 FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
@@ -98,6 +98,18 @@ def test_lines_by_a_trigger_are_those_of_the_table(scan, volts, shown, model, bo
     assert np.hypot(*found.after) < 2.5 * found.timing
     assert "The trigger places a line to half a sample" in found.verdict.reasons[-1]
     assert found.moved == pytest.approx(both.moved, abs=2 * found.timing)
+
+
+def test_the_voltage_places_the_retrace_of_a_trigger_beside_its_trace(folder, scan, shown, model):
+    """Half a sample of both edges was 0.7 of 128 pixels at 4 rows a second and 2 kHz."""
+    record = read_scan_record(folder / "volts.csv")
+    apart = np.hypot(*truestroke.unwarp(shown, record, model).after)
+    assert apart < 0.05
+    assert apart < 0.3 * truestroke.unwarp(shown, record, model).timing
+    trace, retrace = triggered(scan.gate(1), FS), triggered(scan.gate(-1), FS, -1)
+    other = record.x + 0.3 * (np.gradient(record.x) < 0)  # V: it comes back by another way, as with a model before it
+    assert all(map(np.array_equal, mirrored(trace, retrace, other, FS), (trace, retrace)))
+    assert mirrored(trace, retrace[1:], record.x, FS)[0] is not None  # a line is missing: nothing moves
 
 
 def test_a_period_of_broken_samples_is_placed_better_than_half_a_sample():
