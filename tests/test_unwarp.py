@@ -176,6 +176,22 @@ def test_a_trigger_that_does_not_fit_says_what_is_missing(spoil, message, scan, 
         truestroke.unwarp(shown["trace"], record, model)
 
 
+def test_a_line_whose_trigger_ends_too_soon_is_named(scan, volts, shown, model):
+    gate = scan.gate(1)
+    gate[scan.lines["first"][4] + 100 : scan.lines["last"][4] + 1] = 0
+    record = ScanRecord(x=volts[0], sample_rate=FS, lines=triggered(gate, FS), jitter=0.5 / FS)
+    with pytest.raises(ImageError, match=r"line 2 of the trace lasts 0.05 s, the others 0.1 s: its trigger is damaged"):
+        truestroke.unwarp(shown["trace"], record, model)
+
+
+def test_a_voltage_beyond_that_of_the_model_is_named(scan, volts, shown, model):
+    """As of a monitor of 1:10 that nobody has scaled."""
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, 0.1 * volts[0]), model).verdict
+    assert "the gain of a monitor" not in " ".join(found.reasons)  # a smaller scan is none
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, 10.0 * volts[0]), model).verdict
+    assert "The voltage goes from 0 to 2" in " ".join(found.reasons)
+
+
 def without(gate, first, count):
     """A gate that misses some of its lines."""
     line = np.cumsum(np.diff(gate, prepend=0) > 0) - 1

@@ -29,6 +29,8 @@ DIRECTIONS = {"trace": 1, "retrace": -1}
 OPPOSITE = {"start": "end", "end": "start"}
 APART, FAR = 0.3, 3.0  # pixels between trace and retrace after it: beyond them doubtful, bad
 BACK = 1.0  # pixels: a line that goes back further is none
+ODD = 0.05  # of a line: one that lasts so much longer or shorter than the others has lost its trigger
+OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
 LOOSE = 0.1  # of half a sample: by which noise may move an edge further
 SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
 BLOCKS = 8  # of columns, in which trace and retrace are aligned
@@ -358,9 +360,8 @@ def unwarp(
     moved = max(float(np.abs(one - even).max()) for one in across.values()) / pixel
     line = record.lines[0]
     timing = record.jitter * columns / float(line["end"] - line["start"])
-    return Unwarped(
-        images=made, before=before, after=after, moved=moved, timing=timing, verdict=_verdict(after, timing, made)
-    )
+    verdict = _verdict(after, timing, made, _beyond(record, x))
+    return Unwarped(images=made, before=before, after=after, moved=moved, timing=timing, verdict=verdict)
 
 
 def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
@@ -372,6 +373,26 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
     end, last = record.x.size / record.sample_rate, float(lines["end"].max())
     if last > end + 1 / record.sample_rate:
         raise ImageError(f"the recording ends at {end:.4g} s, the last line at {last:.4g} s: it was cut short")
+
+    lasts = lines["end"] - lines["start"]
+    usual = float(np.median(lasts))
+    odd = np.flatnonzero(np.abs(lasts - usual) > max(ODD * usual, 4 * record.jitter))
+    if odd.size:
+        number, period = int(odd[0]), float(lasts[odd[0]])
+        raise ImageError(
+            f"line {number} of the {name} lasts {period:.4g} s, the others {usual:.4g} s: its trigger is damaged"
+        )
+
+
+def _beyond(record: ScanRecord, model: ActuatorModel) -> str:
+    """In a sentence, a voltage that the record of the model does not have; empty where there is none."""
+    (low, high), (least, most) = model.voltage_range, (float(record.x.min()), float(record.x.max()))
+    if max(low - least, most - high) <= OUTSIDE * (high - low):
+        return ""
+    return (
+        f"The voltage goes from {least:.3g} to {most:.3g} V, that of the model's record from {low:.3g} to "
+        f"{high:.3g} V: is its unit right, and the gain of a monitor?"
+    )
 
 
 def _other_count(lines: npt.NDArray[np.void], rows: int) -> str:
@@ -434,7 +455,8 @@ def _resampled(image: Image, x: FloatArray, y: FloatArray | None, area: Area) ->
     for i in range(rows):
         if (back := float(np.max(x[i, :-1] - x[i, 1:]))) > BACK * pixel:
             raise ImageError(
-                f"row {i} goes back by {back:.3g} um: its line is not where the trigger says, or the direction is wrong"
+                f"row {i} goes back by {back:.3g} um: its line is not where the trigger says, the direction is wrong, "
+                "or the voltage is noisy: take the command in place of a monitor"
             )
         order = np.maximum.accumulate(x[i])
         data[i] = _between(even, order, image.data[i])
@@ -504,8 +526,8 @@ def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
     return shift(*(_filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
 
 
-def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[str, Image]) -> Verdict:
-    findings: list[tuple[Level, str]] = []
+def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[str, Image], beyond: str) -> Verdict:
+    findings: list[tuple[Level, str]] = [("doubtful", beyond)] if beyond else []
     if after is not None and (apart := float(np.hypot(*after))) > APART:
         level: Level = "bad" if apart > FAR else "doubtful"
         why = "the model is not that of this motion. Identify it from a record of the scan's own lines"
