@@ -180,5 +180,6 @@ def errors(found: Scanned, theme: Theme = LIGHT) -> Figure:
             if column == len(found.imaged) - 1:
                 most = max(0.2, 1.1 * float(np.abs(moved.dx).max()))
                 panel.set_ylim(-most, most)
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="upper right", ncols=2, handlelength=1.2)
+        entries, corner = panels[0].get_legend_handles_labels(), (EDGES["left"] - 0.02, 1.0)
+        figure.legend(*entries, loc="upper left", bbox_to_anchor=corner, ncols=2, handlelength=1.2)
     return figure
