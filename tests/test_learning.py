@@ -365,6 +365,18 @@ def test_lost_samples_are_taken_from_the_other_periods():
     assert np.allclose(a.volts, b.volts)
 
 
+@pytest.mark.parametrize(("limits", "words"), [((0.0, 9.0), "The lowest voltage, 0 V,"), ((-9.0, 1.9), "highest")])
+def test_the_limit_that_holds_is_named_with_its_remedy(limits, words):
+    """A motion from 0 um needs voltages below 0 V, where the hysteresis is on its way back."""
+    learned = IterativeLearning(raster(50.0), gain=10.0, voltage_limits=limits, dynamics=dynamics(900.0))
+    stage = Stage(900.0)
+    for _ in range(3):
+        made = learned.learn(stage.play(learned.volts)[0])
+    (reason,) = made.verdict.reasons
+    assert words in reason
+    assert "(`offset`), or make it smaller" in reason
+
+
 def test_voltage_and_slew_stay_within_their_limits():
     wave = raster(100.0)
     tight = {"gain": 10.0, "voltage_limits": (0.0, 2.2), "slew_limit": 800.0}
@@ -379,7 +391,7 @@ def test_voltage_and_slew_stay_within_their_limits():
         assert made.volts.max() <= 2.2
         assert np.abs(steps).max() * FS <= 800.0 * (1 + 1e-9)
     assert made.limited > 0.05
-    assert "limit" in " ".join(made.verdict.reasons)
+    assert "The highest voltage, 2.2 V, holds" in " ".join(made.verdict.reasons)
     assert "more passes" not in " ".join(Learned(passes=tuple(passes), learning=learned).verdict.reasons)
 
 

@@ -65,6 +65,15 @@ def test_what_truestroke_did_not_write_stays(name: str) -> None:
 
 
 @pytest.mark.usefixtures("each_picture_once")
+def test_an_output_may_end_as_its_recording_does() -> None:
+    """It became out.hdf5.h5."""
+    for ending in (".h5", ".hdf5"):
+        invoked = CliRunner().invoke(main, ["track", "--duration", "0.5", "--output", f"out{ending}"])
+        assert invoked.exit_code == 0
+        assert {path.name for path in Path().iterdir()} == {f"out{ending}", "out.html"}
+        Path(f"out{ending}").unlink()
+
+
 def test_overwrite_says_that_it_may_go_and_what_is_ours_may_always() -> None:
     Path("out.html").write_text("<p>precious</p>")
     words = ["track", "--duration", "0.5", "--output", "out"]

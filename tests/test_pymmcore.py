@@ -220,6 +220,17 @@ def test_what_cannot_be_reached_is_refused(tmp_path: Path, asked: dict[str, floa
         axes.move(**asked)
 
 
+def test_a_stage_between_voltages_of_both_signs_moves_to_both_sides(tmp_path: Path) -> None:
+    file = configuration(tmp_path, "z", driver="stage = {noise = 0.01, stroke = 15.0, voltage_limits = [-10.0, 10.0]}")
+    file.write_text(file.read_text().replace("voltage_limits = [-0.6, 3.6]", "voltage_limits = [-10.0, 10.0]"))
+    with Axes.of(file) as axes:
+        for target in (10.0, -10.0, -9.0, -10.0):
+            made = axes.move(z=target)["z"].result()
+        assert made.true[-1] == pytest.approx(-10.0, abs=0.2)
+        with pytest.raises(SettingError, match="must be from -15 to 15 um"):
+            axes.move(z=-15.1)
+
+
 def test_a_motion_from_elsewhere_is_refused(tmp_path: Path) -> None:
     with Axes.of(configuration(tmp_path, "z")) as axes:
         axes.move(z=5.0)["z"].result()

@@ -532,8 +532,8 @@ def test_whole_periods_are_taken_as_they_are():
     [
         ({"period": 0.0}, r"period = 0.0 s: must be from 0.008 to 4.096 s"),
         ({"period": 0.05, "bandwidth": 10.0}, r"period = 0.05 s: must be at least 0.1 s: its frequency is above"),
-        ({"period": 0.05, "sample_rate": None}, "sample_rate"),
-        ({"period": 0.05, "voltage_limits": None}, "voltage_limits"),
+        ({"period": 0.05, "sample_rate": None}, "sample_rate = None: must be given, as the controller has no settings"),
+        ({"period": 0.05, "voltage_limits": None}, "voltage_limits = None: must be given"),
         ({"period": 0.05, "slew_limit": -1.0}, "slew_limit = -1.0"),
     ],
 )
@@ -542,6 +542,9 @@ def test_bad_arguments_name_what_is_needed(change, words):
         repetitive(**change)
     with pytest.raises(SettingError, match="a controller"):
         RepetitiveController(3.0, 0.05)
+    inside = AdaptiveController(sample_rate=10_000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    with pytest.raises(SettingError, match="must be one that has no period yet"):
+        RepetitiveController(RepetitiveController(inside, 0.05), 0.05)
 
 
 def test_a_command_that_is_refused_changes_nothing():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import itertools
 import math
 
 import mpmath
@@ -13,6 +14,7 @@ from benchmarks import foreign_stages
 from scipy import signal
 
 from truestroke import AdaptiveController, ControllerSettings, run
+from truestroke.control import resonance
 from truestroke.control.reference import ReferenceController
 from truestroke.control.reference.found import damping
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, shown, tangent
@@ -369,7 +371,7 @@ def test_a_stage_that_rings_in_a_slow_motion_is_put_into_the_model() -> None:
     recording = run(wave, controller, plant)
     error = (recording["true"] - recording["desired"]).reshape(-1, 1250).std(axis=1)
     assert controller.resonance == pytest.approx(696.0, rel=0.02)
-    assert error[-1] < 0.3 * error[3]  # without it the error stays
+    assert error[-1] < 0.12 * error[0]  # without it the error stays at 0.4
 
 
 def test_a_resonance_that_is_given_stays() -> None:
@@ -405,7 +407,7 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
 
 def followed_alike(settings: StageSettings, wave: Trajectory) -> tuple[AdaptiveController, np.ndarray]:
     """The kernel after this motion, whose commands the NumPy text gives, too, and its true error, um."""
-    known = ControllerSettings(**AXIS)
+    known = ControllerSettings(**AXIS | {"sample_rate": settings.sample_rate})
     kernel, text = AdaptiveController.from_settings(known), ReferenceController(known)
     plant, error = StagePlant(settings, seed=1), []
     plant.open()
@@ -434,6 +436,30 @@ def test_the_kernel_is_the_numpy_text_where_a_slow_motion_rings() -> None:
     wave = raster(frequency=23.0, peak_to_peak=18.0, offset=12.0, turn=0.1, ramp=0.05, duration=0.4, sample_rate=RATE)
     kernel, _ = followed_alike(stage(690.0, dampings=(0.01,)), wave)
     assert kernel.resonance == pytest.approx(690.0, rel=0.02)
+
+
+def test_a_ringing_of_less_than_a_thousandth_is_enough() -> None:
+    """In kernel and NumPy text alike: without it 15 nm of these lines stay."""
+    wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=1.2, sample_rate=10_000.0)
+    kernel, _ = followed_alike(stage(935.0, dampings=(0.024,), noise=0.01, sample_rate=10_000.0), wave)
+    assert kernel.resonance == pytest.approx(935.0, rel=0.04)
+
+
+def test_a_window_points_to_the_next_one() -> None:
+    """One of 750 Hz points to 824 Hz, one there to the stage; the search from above took 1.2 s. Both alike."""
+    wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=0.6, sample_rate=RATE)
+    kernel, _ = followed_alike(stage(1091.0, hysteresis_kind="bouc-wen", dampings=(0.026,), noise=0.01), wave)
+    assert kernel.resonance == pytest.approx(1091.0, rel=0.03)
+
+
+def test_windows_that_point_elsewhere_end_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three in a search at most, or behind one that shows a resonance."""
+    shown = (resonance._Window(f0=0.25 * (k == 5), left=1.0, points=(0.2, 0.3)[k % 2]) for k in itertools.count())
+    monkeypatch.setattr(ResonanceEstimator, "_shown", lambda *_: next(shown))
+    centres = [centre for _, centre in windows(0.0, 11_000)]
+    assert centres[:9] == [0.2, 0.3, 0.2, 0.12, 0.072, 0.25, 0.2, 0.3, 0.2]
+    assert centres[9:15] == [0.12, 0.072, 0.0432, 0.0259, 0.0156, 0.0093]
+    assert centres[15:19] == [0.15, 0.2, 0.3, 0.2]
 
 
 @pytest.mark.parametrize(("number", "before"), [(4, 159.0), (162, 33.0)])

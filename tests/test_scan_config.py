@@ -288,7 +288,7 @@ def test_a_flat_image_fills_its_picture_and_axes_have_their_names(height, stacke
     scan = scans.raster(width=10.0, height=height, lines=16, rate=40.0, sample_rate=5000.0)
     texture = scans.Texture(seed=2)(scan.x.position, scan.y.position)
     found = scans.recorded(scan, scan.x.position, scan.y.position, texture, columns=64, axes=("tip", "z"))
-    assert ["error of tip, z", "within the noise, within the noise rms"] in scan_rows(found)
+    assert ["rms error of tip, z", "within the noise, within the noise"] in scan_rows(found)
     figure = scan_page.plots(found)["image"]
     figure.draw_without_rendering()
     first, second, _ = (one.get_position() for one in figure.axes)
@@ -350,6 +350,9 @@ def test_lost_samples_and_recordings_of_another_scan(raster) -> None:
     signal[5010:5050] = x[5010:5050] = np.nan
     found = scans.recorded(raster, x, y, signal, columns=50)
     assert np.isfinite(found.images["trace"].data).all()
+    lost = np.count_nonzero(raster.inside[5010:5050])
+    caption = scan_page.page(found, found.verdict).sections[-2].caption
+    assert f"histogram leaves these samples out. {lost} of" in caption  # turns are not missing
     line = raster.lines[3]
     gone = signal.copy()
     gone[line["first"] - 2 : line["last"] + 3] = np.nan

@@ -182,6 +182,8 @@ def test_a_bad_image_is_judged_as_bad(small):
     found = imaging.judged(imaged, 0.2)
     assert found.level == "bad"
     assert imaging.judged(imaged, 0.0).reasons[-1] == "Scan slower."
+    held = dataclasses.replace(imaged, remedy="", limited={"x": 61.0})
+    assert "voltage of x in 61 % of the time" in imaging.judged(held, 0.0).reasons[-1]
     exact = scans.distortion(scan, scan.x.position, scan.y.position)
     said = "Turn slower. In Python, scans.spiral takes this rotation."
     assert imaging.judged(imaged, 0.2, for_spiral="Turn slower.").reasons[-1] == said

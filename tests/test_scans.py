@@ -239,6 +239,7 @@ def test_what_is_no_array_or_image_is_named():
     x, y = scan.x.position, scan.y.position
     for call, message in (
         (lambda: scans.recorded(scan, x, y, "high"), "signal = 'high'.*: must be an array of numbers"),
+        (lambda: scans.recorded(scan, x, y, x + 1j), "signal = .*: must be an array of real numbers"),  # of a lock-in
         (lambda: scans.recorded(scan, [x, y], y, x), r"x = array of shape \(2, .* um: must be an array with 1 axis"),
         (lambda: scans.images(scan, [[1.0], "a"]), "signal = .*: must be an array of numbers"),
         (lambda: scans.distortion(scan, x, "low", 64), "y = .*: must be an array of numbers"),

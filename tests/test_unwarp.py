@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import ImageError, ScanRecord, SettingError, scans
 from truestroke.cli import main
-from truestroke.identification.unwarp import triggered
+from truestroke.identification.unwarp import mirrored, read_scan_record, triggered
 from truestroke.plant import StagePlant, StageSettings
 
 FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
@@ -100,6 +100,18 @@ def test_lines_by_a_trigger_are_those_of_the_table(scan, volts, shown, model, bo
     assert found.moved == pytest.approx(both.moved, abs=2 * found.timing)
 
 
+def test_the_voltage_places_the_retrace_of_a_trigger_beside_its_trace(folder, scan, shown, model):
+    """Half a sample of both edges was 0.7 of 128 pixels at 4 rows a second and 2 kHz."""
+    record = read_scan_record(folder / "volts.csv")
+    apart = np.hypot(*truestroke.unwarp(shown, record, model).after)
+    assert apart < 0.05
+    assert apart < 0.3 * truestroke.unwarp(shown, record, model).timing
+    trace, retrace = triggered(scan.gate(1), FS), triggered(scan.gate(-1), FS, -1)
+    other = record.x + 0.3 * (np.gradient(record.x) < 0)  # V: it comes back by another way, as with a model before it
+    assert all(map(np.array_equal, mirrored(trace, retrace, other, FS), (trace, retrace)))
+    assert mirrored(trace, retrace[1:], record.x, FS)[0] is not None  # a line is missing: nothing moves
+
+
 def test_a_period_of_broken_samples_is_placed_better_than_half_a_sample():
     """Edges of even lines: the mean of their rounding is known."""
     starts = 0.5 + np.arange(200) / 39.7
@@ -162,6 +174,22 @@ def test_a_trigger_that_does_not_fit_says_what_is_missing(spoil, message, scan, 
     record = ScanRecord(x=x, sample_rate=FS, lines=triggered(gate, FS), jitter=0.5 / FS)
     with pytest.raises(ImageError, match=message):
         truestroke.unwarp(shown["trace"], record, model)
+
+
+def test_a_line_whose_trigger_ends_too_soon_is_named(scan, volts, shown, model):
+    gate = scan.gate(1)
+    gate[scan.lines["first"][4] + 100 : scan.lines["last"][4] + 1] = 0
+    record = ScanRecord(x=volts[0], sample_rate=FS, lines=triggered(gate, FS), jitter=0.5 / FS)
+    with pytest.raises(ImageError, match=r"line 2 of the trace lasts 0.05 s, the others 0.1 s: its trigger is damaged"):
+        truestroke.unwarp(shown["trace"], record, model)
+
+
+def test_a_voltage_beyond_that_of_the_model_is_named(scan, volts, shown, model):
+    """As of a monitor of 1:10 that nobody has scaled."""
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, 0.1 * volts[0]), model).verdict
+    assert "the gain of a monitor" not in " ".join(found.reasons)  # a smaller scan is none
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, 10.0 * volts[0]), model).verdict
+    assert "The voltage goes from 0 to 2" in " ".join(found.reasons)
 
 
 def without(gate, first, count):

@@ -487,7 +487,7 @@ typedef struct {
 #define TS_HIGHEST_RESONANCE ((ts_real)0.4) /* cycles per tick: a higher one is not seen */
 
 /* Least squares of z + c1 z' + c2 z'' = sum of w[i] times play i, all behind the same band about `centre`, window by window. c2 is
- * 1 / w0^2; the next window is about the resonance that was shown, or lower where none was. */
+ * 1 / w0^2; the next window is about the resonance that was shown, or that the window points to, or lower where there was none. */
 typedef struct {
     ts_real centre;                   /* cycles per tick; 0: the first window has not begun */
     ts_real known, variance;          /* cycles per tick, and its relative variance; 0: not known */
@@ -502,8 +502,8 @@ typedef struct {
     ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
     ts_real error;                    /* um^2: sum of squares */
     int settling, window, ticks;      /* of this window: before it counts, that count, so far */
-    int windows, strange;             /* that made it known; whether the last one differed from what is known, */
-    int again;                        /* and whether the next search begins above */
+    int windows, pointed;             /* that made it known; that pointed elsewhere since one did, or since the search began */
+    bool strange, again;              /* the last one differed from what is known; the next search begins above */
 } ts_resonance;
 
 /* Tangent of 0 to 1.3. */

@@ -17,7 +17,7 @@
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
-#define SHAKEN ((ts_real)1e-3)    /* of the motion's range: unless the stage rings by so much */
+#define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
 #define MOST_GAINED ((ts_real)5)  /* times their first gain: plays that have more, or less than a fifth, have learned from a wrong sensor */

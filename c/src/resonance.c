@@ -6,6 +6,8 @@
 #define OF_MOTION 2                 /* its end is at TS_LOWEST_RESONANCE, or at so many times the motion's frequency, */
 #define AGAIN_FROM ((ts_real)0.36)  /* cycles per tick: and where every second one begins after that; */
 #define NEXT ((ts_real)0.6)         /* of a centre: the next one, where there was no resonance */
+#define POINTS ((ts_real)0.05)      /* standard deviation of an estimate, over it, that says where the next window is, */
+#define MOST_POINTED 3              /* and so many of these between two that show a resonance, or in a search */
 #define PASSES ((ts_real)0.35)      /* of the centre: corner of the filter that takes the motion away */
 #define SHARP ((ts_real)1.4)        /* twice the damping of that filter, */
 #define ROUND 1                     /* and of the one behind it, which takes noise away */
@@ -43,6 +45,7 @@ typedef struct {
     ts_real variance;               /* square of its error, over it */
     ts_real lag, sensitivity;
     ts_real left;                   /* sum of squares of the residual */
+    ts_real points;                 /* cycles per tick: to a resonance that is further away or less certain; 0: to none */
 } ts_window;
 
 enum { BAND = TS_SHOWN, HIGH, THIRD, LOW }; /* of the measurement, its derivatives and itself: places behind the plays */
@@ -253,14 +256,18 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     ts_real of_first = derivative[0], of_second = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * of_first;
     ts_real of_third = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * of_first - N[THIRD][HIGH] / N[HIGH][HIGH] * of_second;
     ts_real spread = of_first * of_first / N[BAND][BAND] + of_second * of_second / N[HIGH][HIGH] + of_third * of_third / N[THIRD][THIRD];
-    ts_real of_ratio = w.left > 0 ? w.left * spread / (ts_real)r->window : 0, deviation = 2 * as.sure * ratio;
-    if (!(of_ratio < deviation * deviation)) return w;
+    ts_real of_ratio = w.left > 0 ? w.left * spread / (ts_real)r->window : 0;
+    ts_real deviation = 2 * as.sure * ratio, doubtful = 2 * POINTS * ratio;
+    if (!(of_ratio < doubtful * doubtful)) return w;
     ts_real f0 = arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
+    if (!(f0 > lowest && f0 < TS_HIGHEST_RESONANCE)) return w;
+    w.points = f0;
+    if (!(of_ratio < deviation * deviation)) return w;
     w.lag = dead_time_of(w.lag / (2 * ts_tangent(TS_PI * r->centre)), 2 * TS_PI * f0);
     w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio);
     w.sensitivity = sensitivity_of(fewer, ratio);
     r->driven = share_of_plays(r, w.left);
-    if (f0 > lowest && f0 < TS_HIGHEST_RESONANCE && f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
+    if (f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
     return w;
 }
 
@@ -270,11 +277,12 @@ static ts_window shown_window(ts_resonance *r, ts_real lowest, const ts_real *ex
     const ts_confidence of_free = {(ts_real)0.02, 5}, of_expected = {(ts_real)0.03, 3};
     ts_real N[TS_RESONANCE][TS_RESONANCE];
     sums_with_ridge(r, N);
-    ts_window w = shown_by(r, N, lowest, of_free);
-    if (w.f0 > 0 || !expected || !(w.left > 0)) return w;
-    sums_with_expected(r, expected, w.left, N);
-    w = shown_by(r, N, lowest, of_expected);
+    ts_window of_plays = shown_by(r, N, lowest, of_free);
+    if (of_plays.f0 > 0 || !expected || !(of_plays.left > 0)) return of_plays;
+    sums_with_expected(r, expected, of_plays.left, N);
+    ts_window w = shown_by(r, N, lowest, of_expected);
     if (w.sensitivity > STANDS) w.f0 = 0;
+    w.points = of_plays.points;
     return w;
 }
 
@@ -300,13 +308,28 @@ static void know(ts_resonance *r, const ts_window *w)
     r->strange = far && !r->strange;
 }
 
-/* The next centre, behind a window that showed f0, or none. */
-static ts_real next_centre(ts_resonance *r, ts_real f0, ts_real lowest, ts_real burst)
+/* Whether a window about this frequency is the present one. */
+static bool is_about(const ts_resonance *r, ts_real frequency)
+{
+    return r->centre < AGREE * frequency && frequency < AGREE * r->centre;
+}
+
+/* The next centre, behind a window. */
+static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, const ts_search *search)
 {
     ts_real below = NEXT * r->centre;
-    if (f0 > 0) return f0;
-    if (!(r->speed > 0) && QUIET * r->power < burst) return r->centre; /* at rest nothing shows, wherever the window is */
+    if (w->f0 > 0) {
+        r->pointed = 0;
+        return w->f0;
+    }
+    if (!(r->speed > 0) && QUIET * r->power < search->burst) return r->centre; /* at rest nothing shows, wherever the window is */
+    bool points = w->points > 0 && w->points <= search->highest && !is_about(r, w->points);
+    if (points && search->burst > 0 && r->pointed < MOST_POINTED) {
+        r->pointed++;
+        return w->points;
+    }
     if (below > lowest) return below;
+    r->pointed = 0;
     r->again = !r->again;
     return r->again ? SEARCH_FROM : AGAIN_FROM;
 }
@@ -324,8 +347,8 @@ static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
     }
     if (w.f0 > search->highest) w.f0 = 0;
     ts_real f0 = w.f0, least = search->burst > 0 && r->power > search->burst ? LEAST_IN_BURST : LEAST;
-    bool there = f0 < AGREE * r->centre && r->centre < AGREE * f0, near = f0 > 0 && (there || w.variance < least * least);
-    r->centre = next_centre(r, f0, lowest, search->burst);
+    bool near = f0 > 0 && (is_about(r, f0) || w.variance < least * least);
+    r->centre = next_centre(r, &w, lowest, search);
     r->ticks = 0;
     if (near) know(r, &w);
     return near;
@@ -353,8 +376,7 @@ ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick)
 
 void ts_resonance_look(ts_resonance *r, ts_real frequency)
 {
-    bool there = r->centre < AGREE * frequency && frequency < AGREE * r->centre;
-    if (there || !(frequency > 0 && frequency < TS_HIGHEST_RESONANCE)) return;
+    if (is_about(r, frequency) || !(frequency > 0 && frequency < TS_HIGHEST_RESONANCE)) return;
     r->centre = frequency;
     r->ticks = 0;
 }
@@ -386,7 +408,7 @@ bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real 
     bool may_burst = r->ticks > 0 && search->burst > 0;
     if (may_burst && begins_to_burst(r, tick, error, search->burst)) {
         r->centre = SEARCH_FROM;
-        r->ticks = 0;
+        r->ticks = r->pointed = 0;
     }
     bool last = may_burst && r->ticks > 0 && suffices_in_burst(r, search->burst);
     if (r->ticks == 0) begin_band(r, tick, x);

@@ -197,7 +197,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("growth", &g.before.growth.ticks, sizeof g.before.growth / sizeof(ts_real));
     auto &v = c.resonance;
     visit("resonance_search", &v.centre, offsetof(ts_resonance, settling) / sizeof(ts_real));
-    visit("resonance_ticks", &v.settling, 6);
+    visit("resonance_ticks", &v.settling, 5);
+    visit("resonance_turns", &v.strange, 2);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
     visit("guard", &c.guard.low, 14);
@@ -313,7 +314,7 @@ void check_resonance(const ts_controller &c) {
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
-    require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.strange >= 0 && r.strange <= 1 && r.again >= 0 && r.again <= 1,
+    require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.pointed >= 0 && r.pointed <= 3,
                 "counts of 0 or more, of a window that has not ended");
 }
 

@@ -286,6 +286,8 @@ def _array(
 ) -> FloatArray:
     """What `make` makes of the value, with `ndim` axes."""
     allowed = (ndim,) if isinstance(ndim, int) else ndim
+    if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+        raise SettingError(argument, described(value), "an array of real numbers: its amplitude, phase or a part", unit)
     try:
         result = make(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -267,9 +267,14 @@ def examined(record: truestroke.Record, force: bool) -> truestroke.Findings:
 
 
 def outputs(output: str, *endings: str) -> list[Path]:
-    """The files to write, one for each of `endings`; an error now rather than after the run if they cannot be."""
+    """The files to write, one for each of `endings`; an error now rather than after the run if they cannot be.
+
+    A recording ends with .hdf5 in place of .h5 where `output` does.
+    """
     stem = Path(output)
-    if stem.suffix in (".h5", ".html"):
+    if stem.suffix == ".hdf5":
+        endings = tuple(".hdf5" if ending == ".h5" else ending for ending in endings)
+    if stem.suffix in (".h5", ".hdf5", ".html"):
         stem = stem.with_suffix("")
     if not stem.name or stem.is_dir():
         raise click.UsageError(f"--output {output}: is a folder; add a name, such as {stem / 'run1'}.")

@@ -17,7 +17,7 @@ from truestroke.cli import common, waveforms
 @waveforms.motion_options
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave.")
 @waveforms.limit_options
-@click.option("--output", metavar="NAME", default="waveform.csv", help="Write NAME.csv or NAME.npz.")
+@click.option("--output", metavar="FILE", default="waveform.csv", help="A .csv or .npz.")
 @common.page_options
 def invert(
     trajectory: str, model: Path, output: str, plots: Path | None, strict: bool, as_json: bool, **options: Any

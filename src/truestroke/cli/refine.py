@@ -19,7 +19,7 @@ from truestroke.cli import common, waveforms
 @click.option("--waveform", type=common.FILE, metavar="FILE",
               help="What was put out, as `truestroke invert` or --next wrote it.")  # fmt: skip
 @click.option("--output", metavar="FILE", default="refined.toml", help="The refined model is written there.")
-@click.option("--next", "following", metavar="NAME", help="Write the waveform of the next pass, NAME.csv or NAME.npz: "
+@click.option("--next", "following", metavar="FILE", help="Write the waveform of the next pass, a .csv or .npz: "
               "corrected at each frequency through the model and what the passes so far show.")  # fmt: skip
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`, in place of the delay and "
               "the resonances of the model; refined.toml has them from then on.")  # fmt: skip

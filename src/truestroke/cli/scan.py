@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from truestroke.signals.scans import Image, Recorded
 
 HYSTERESES = click.Choice(["plays", "preisach", "bouc-wen"])
+LONG = 20.0  # s of a simulation: it says before it begins how long it takes
 SIMULATED = ("rate", "resonances", "kinds", "noise", "seed")  # options without --config
 
 
@@ -57,11 +58,13 @@ def scan(
     from concurrent.futures import ThreadPoolExecutor
     from importlib import import_module
 
-    from truestroke.studies.scanning.imaging import image_stage
+    from truestroke.studies.scanning.imaging import PIXELS, SLOWEST, image_stage, seconds_for
 
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     about = {"rate": rate, "resonances": resonances, "kinds": kinds, "noise": noise, "seed": seed}
+    if rate >= SLOWEST and seconds_for(rate) > LONG and not as_json:
+        click.echo(f"{PIXELS} rows at {rate:g} a second take about {seconds_for(rate) / 60:.2g} minutes.", err=True)
     with common.progress("scanning"), ThreadPoolExecutor(1) as beside:
         loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
         found = image_stage(**about)  # type: ignore[arg-type]  # in the thread that Ctrl-C interrupts

@@ -15,6 +15,8 @@ OF_MOTION = 2  # or at so many times the motion's frequency,
 AGAIN_FROM = 0.36  # cycles per tick: and where every second one begins after that;
 HIGHEST = 0.4  # the highest resonance
 NEXT = 0.6  # of a centre: the next one, where there was no resonance
+POINTS = 0.05  # standard deviation of an estimate, over it, that says where the next window is,
+MOST_POINTED = 3  # and so many of these between two that show a resonance, or in a search
 PASSES = 0.35  # of the centre: corner of the filter that takes the motion away
 SHARP = 1.4  # twice the damping of that filter,
 ROUND = 1  # and of the one behind it, which takes noise away
@@ -76,6 +78,7 @@ class _Window(NamedTuple):
     lag: float = 0.0
     sensitivity: float = 0.0
     left: float = 0.0  # sum of squares of the residual
+    points: float = 0.0  # cycles per tick: to a resonance that is further away or less certain; 0: to none
 
 
 class _Filter:
@@ -123,8 +126,9 @@ class ResonanceEstimator:
     F is a band of an octave and a half about a `centre`, so that neither the motion below nor the noise above decide.
     A window of 20 periods, at least 60 ms, gives them all by least squares. A resonance shows where the derivatives
     leave less than half of the error of the plays alone, c2 is known within 4 % and f0 is near the centre; the next
-    centre is that f0. Otherwise it is 0.6 times as high, from 0.15 of the sample rate down to 40 Hz or twice the
-    frequency of the motion, and then, in turns, from there again and from 0.36 of the sample rate on.
+    centre is that f0, also where it is further away, or c2 known within 10 %, three times in a row at most. Otherwise
+    it is 0.6 times as high, from 0.15 of the sample rate down to 40 Hz or twice the frequency of the motion, and then,
+    in turns, from there again and from 0.36 of the sample rate on.
 
     What the windows show becomes `known`, by a scalar Kalman filter. A model of hysteresis that is not right shifts an
     estimate by more than its noise: five times its deviation and 0.5 % count. Where five times the deviation is below
@@ -180,6 +184,7 @@ class ResonanceEstimator:
     def __init__(self) -> None:
         self.centre = self.known = self.variance = self.lag = self.motion = self.power = self.driven = 0.0
         self.ticks = self.windows = 0
+        self._pointed = 0  # windows that pointed elsewhere since one showed a resonance, or since the search began
         self._speed = self._change = self._error = 0.0  # sums of a window
         self._strange = False  # the last window was far from what is known
         self._again = False  # the next search begins above
@@ -193,9 +198,12 @@ class ResonanceEstimator:
 
         One that is about it already goes on: an oscillation that comes again and again would end each of them.
         """
-        there = self.centre < AGREE * frequency and frequency < AGREE * self.centre
-        if 0 < frequency < HIGHEST and not there:
+        if 0 < frequency < HIGHEST and not self._is_about(frequency):
             self.centre, self.ticks = frequency, 0
+
+    def _is_about(self, frequency: float) -> bool:
+        """Whether a window about this frequency is the present one."""
+        return self.centre < AGREE * frequency and frequency < AGREE * self.centre
 
     @property
     def suffices(self) -> bool:
@@ -246,7 +254,7 @@ class ResonanceEstimator:
             Weights of the plays, um/V; they are read in the tick that `ends` the window.
         """
         if self._begins_to_burst(tick, error, burst):
-            self.centre, self.ticks = SEARCH_FROM, 0
+            self.centre, self.ticks, self._pointed = SEARCH_FROM, 0, 0
         last = self._suffices_in_burst(burst)
         x = np.append(plays, z)
         if self.ticks == 0:
@@ -308,29 +316,33 @@ class ResonanceEstimator:
         self.power = self._error / self._window
         lowest = self.lowest(tick)
         window = self._shown(lowest, expected)
-        f0 = window.f0
-        if f0 > 0:
-            fast = self.motion / f0
+        if window.f0 > 0:
+            fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
-            f0 = 0.0 if self.power < cost * cost or f0 > highest else f0
+            window = window._replace(f0=0.0) if self.power < cost * cost or window.f0 > highest else window
         least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
-        there = f0 < AGREE * self.centre and self.centre < AGREE * f0
-        near = f0 > 0 and (there or window.variance < least * least)
-        self.centre = self._next(f0, lowest, burst)
+        near = window.f0 > 0 and (self._is_about(window.f0) or window.variance < least * least)
+        self.centre = self._next(window, lowest, highest, burst)
         self.ticks = 0
         if near:
             self._know(window)
         return near
 
-    def _next(self, f0: float, lowest: float, burst: float) -> float:
-        """The next centre, behind a window that showed f0, or none."""
-        below = NEXT * self.centre
-        if f0 > 0:
-            return f0
+    def _next(self, window: _Window, lowest: float, highest: float, burst: float) -> float:
+        """The next centre, behind a window."""
+        below, points = NEXT * self.centre, window.points
+        if window.f0 > 0:
+            self._pointed = 0
+            return window.f0
         if not self._speed > 0 and QUIET * self.power < burst:  # at rest nothing shows, wherever the window is
             return self.centre
+        elsewhere = 0 < points <= highest and not self._is_about(points)
+        if elsewhere and burst > 0 and self._pointed < MOST_POINTED:
+            self._pointed += 1
+            return points
         if below > lowest:
             return below
+        self._pointed = 0
         self._again = not self._again
         return SEARCH_FROM if self._again else AGAIN_FROM
 
@@ -366,12 +378,13 @@ class ResonanceEstimator:
 
     def _shown(self, lowest: float, expected: FloatArray | None) -> _Window:
         """What the window shows with plays that are free, or else with those that are expected."""
-        window = self._shown_by(self._sums(), lowest, SURE, TRUST)
-        if window.f0 > 0 or expected is None or not window.left > 0:
-            return window
-        N = self._sums_with_expected(expected, window.left)
+        of_plays = self._shown_by(self._sums(), lowest, SURE, TRUST)
+        if of_plays.f0 > 0 or expected is None or not of_plays.left > 0:
+            return of_plays
+        N = self._sums_with_expected(expected, of_plays.left)
         window = self._shown_by(N, lowest, SURE_EXPECTED, TRUST_EXPECTED)
-        return window._replace(f0=0.0) if window.sensitivity > STANDS else window
+        f0 = 0.0 if window.sensitivity > STANDS else window.f0
+        return window._replace(f0=f0, points=of_plays.points)
 
     def _shown_by(self, N: list[list[float]], lowest: float, sure: float, trust: float) -> _Window:
         """What sums of products show."""
@@ -393,15 +406,20 @@ class ResonanceEstimator:
         y1 = derivative[1] - N[HIGH][BAND] / N[BAND][BAND] * y0
         y2 = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * y0 - N[THIRD][HIGH] / N[HIGH][HIGH] * y1
         spread = y0 * y0 / N[BAND][BAND] + y1 * y1 / N[HIGH][HIGH] + y2 * y2 / N[THIRD][THIRD]
-        of_ratio, deviation = left * spread / self._window if left > 0 else 0.0, 2 * sure * ratio
-        if not of_ratio < deviation * deviation:
+        of_ratio = left * spread / self._window if left > 0 else 0.0
+        deviation, doubtful = 2 * sure * ratio, 2 * POINTS * ratio
+        if not of_ratio < doubtful * doubtful:
             return nothing
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
+        if not lowest < f0 < HIGHEST:
+            return nothing
+        if not of_ratio < deviation * deviation:
+            return _Window(left=left, points=f0)
         lag = _dead_time(lag / (2 * tangent(math.pi * self.centre)), 2 * math.pi * f0)
         self.driven = self._share_of_plays(left)
-        within = lowest < f0 < HIGHEST and NEAREST * self.centre < f0 < FURTHEST * self.centre
+        within = NEAREST * self.centre < f0 < FURTHEST * self.centre
         variance = trust * trust * of_ratio / (4 * ratio * ratio)
-        return _Window(f0, variance, lag, _sensitivity(fewer, ratio), left) if within else nothing
+        return _Window(f0 if within else 0.0, variance, lag, _sensitivity(fewer, ratio), left, f0)
 
     def _share_of_plays(self, left: float) -> float:
         """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""

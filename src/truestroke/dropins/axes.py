@@ -34,6 +34,7 @@ from truestroke.signals.trajectories import Trajectory
 SPEED = 0.5  # of the slew limit: velocity of moves
 STROKES = 50.0  # a second: the same; steps of a tenth of the stroke take what the stage needs, large moves excite less
 LOST = 1.0  # s with a large error, after which an axis has lost its way
+BOTH_SIDES = 0.5  # of the highest voltage: a lowest one that is as far below 0 moves the stage to both sides
 AVERAGE = 0.01  # s of rest over which a reading is averaged
 ZERO = 0.05  # s of rest before the first motion, for the zero of the sensor
 SPIN = 0.0  # s: a thread that spins would take the interpreter from the host
@@ -50,6 +51,18 @@ class Trace:
     true: FloatArray | None
 
 
+def travel(stroke: float, low: float, high: float) -> tuple[float, float]:
+    """Ends of the travel, um, with 0 um at 0 V: from 0 to the stroke, or on both sides where the voltages are.
+
+    Examples
+    --------
+    >>> travel(30.0, -0.6, 3.6), travel(40.0, -10.0, 10.0)
+    ((0.0, 30.0), (-20.0, 20.0))
+    """
+    lowest = stroke * low / (high - low) if -low >= BOTH_SIDES * high else 0.0
+    return lowest, lowest + stroke
+
+
 class _Line:
     """One axis within the loop: its controller, the motion that is being made, where it rests."""
 
@@ -59,6 +72,7 @@ class _Line:
         settings = axis.controller.settings
         self.stroke, self.timing = settings.stroke, timing
         low, high = axis.table.voltage_limits
+        self.travel = travel(self.stroke, low, high)
         self.speed = min(SPEED * axis.table.slew / (high - low), STROKES) * self.stroke
         self.stage = _stage(settings, timing.sample_rate)
         self.at, self.volts, self.measured = 0.0, axis.table.safe_voltage, math.nan
@@ -303,9 +317,9 @@ class Axes:
         if trajectory.sample_rate != self.timing.sample_rate:
             bound = f"{self.timing.sample_rate} Hz, that of the driver"
             raise SettingError("trajectory.sample_rate", trajectory.sample_rate, bound, "Hz")
-        low, high, stroke = trajectory.position.min(), trajectory.position.max(), self._line(name).stroke
-        if not 0.0 <= low <= high <= stroke:
-            bound = f"within 0 to {stroke:g} um, with its run-up and run-down"
+        low, high, ends = trajectory.position.min(), trajectory.position.max(), self._line(name).travel
+        if not ends[0] <= low <= high <= ends[1]:
+            bound = f"within {ends[0]:g} to {ends[1]:g} um, with its run-up and run-down"
             raise SettingError(f"motion of axis {name}", f"{low:.4g} to {high:.4g}", bound, "um")
 
     def _begin(self, made: Mapping[_Line, Trajectory]) -> dict[str, Future[Trace]]:
@@ -319,9 +333,8 @@ class Axes:
         return begun
 
     def _within(self, line: _Line, target: float) -> float:
-        bound = line.stroke
         value = checks.number(f"target of axis {line.name}", target, "um")
-        return checks.within(f"target of axis {line.name}", value, 0.0, bound, "um")
+        return checks.within(f"target of axis {line.name}", value, *line.travel, "um")
 
     def _line(self, name: str) -> _Line:
         self._check()

@@ -84,7 +84,7 @@ class Memory:
     def voltages(self, positions: object, sample_rate: float) -> FloatArray:
         """Voltages, V, for positions from now on, um above the model's zero; the axis stays where it is.
 
-        Within the limits; one position is taken for rest.
+        A position beyond `reach` gets the limit; one position is taken for rest.
         """
         z = checks.finite_array("positions", positions, "um")  # type: ignore[arg-type]
         fs, model = checks.positive("sample_rate", sample_rate, "Hz"), self.model

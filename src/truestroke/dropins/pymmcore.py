@@ -133,7 +133,8 @@ class PiezoZ(_Piezo, StageDevice):  # type: ignore[misc]
     """One piezo axis as a focus drive: each plane is reached without ringing, and held.
 
     Its properties "Configuration" (a file as of `truestroke run`, of which driver and axes are used) and "Axis" (a
-    name in it) are set before it is initialised. Positions are um, from 0 to the stroke of the axis.
+    name in it) are set before it is initialised. Positions are um, from 0 to the stroke of the axis, or on
+    both sides of 0 where its voltages are.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ class PiezoZ(_Piezo, StageDevice):  # type: ignore[misc]
         self._set_origin("Axis", newZUm)
 
     def home(self) -> None:
-        """Move to the low end of the stroke."""
+        """Move to 0 um."""
         self._go(Axis=-self._origin["Axis"])
 
 
@@ -215,5 +216,5 @@ class PiezoXY(_Piezo, XYStageDevice):  # type: ignore[misc]
         self._set_origin("Axis Y", y)
 
     def home(self) -> None:
-        """Move to the low ends of the strokes."""
+        """Move both to 0 um."""
         self._go(**{role: -origin for role, origin in self._origin.items()})

@@ -26,8 +26,12 @@ from truestroke.signals.scans.scan import LINE, Scan, table
 from truestroke.signals.tables import UNITS, RecordError, open_table
 
 DIRECTIONS = {"trace": 1, "retrace": -1}
+OPPOSITE = {"start": "end", "end": "start"}
 APART, FAR = 0.3, 3.0  # pixels between trace and retrace after it: beyond them doubtful, bad
 BACK = 1.0  # pixels: a line that goes back further is none
+ODD = 0.05  # of a line: one that lasts so much longer or shorter than the others has lost its trigger
+OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
+LOOSE = 0.1  # of half a sample: by which noise may move an edge further
 SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
 BLOCKS = 8  # of columns, in which trace and retrace are aligned
 HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
@@ -132,6 +136,43 @@ def _even(edges: npt.NDArray[np.intp]) -> FloatArray:
     return np.asarray(times)
 
 
+def mirrored(
+    trace: npt.NDArray[np.void], retrace: npt.NDArray[np.void], volts: FloatArray, sample_rate: float
+) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void]]:
+    """Lines of triggers, each retrace with the voltages of its trace on its way back.
+
+    A trigger leaves half a sample open at each edge. Where the voltage of a scan goes and comes back by the same way,
+    each edge is moved by half of what its two voltages differ, in the mean of all rows: then trace and retrace are
+    wrong by the same. Nothing moves where half a sample is not enough: the voltage of such a scan comes back by another
+    way.
+
+    Examples
+    --------
+    The trigger of the retrace is a sample late at its start:
+
+    >>> volts, tick = 5.0 - np.abs(np.arange(101) % 20 - 10.0), np.arange(101) % 20
+    >>> trace, retrace = triggered((tick > 1) & (tick < 8), 10.0), triggered((tick > 13) & (tick < 19), 10.0, -1)
+    >>> trace, retrace = mirrored(trace, retrace, volts, 10.0)
+    >>> (10.0 * retrace["start"][:2]).round(3).tolist(), (10.0 * trace["end"][:2]).round(3).tolist()
+    ([13.0, 33.0], [7.0, 27.0])
+    """
+    trace, retrace = trace.copy(), retrace.copy()
+    if trace.size != retrace.size or not trace.size:
+        return trace, retrace
+    time, half = np.arange(volts.size) / sample_rate, 0.5 / sample_rate
+    of_trace, of_retrace = (
+        {edge: np.interp(lines[edge], time, volts) for edge in OPPOSITE} for lines in (trace, retrace)
+    )
+    speed = float(np.mean((of_trace["end"] - of_trace["start"]) / (trace["end"] - trace["start"])))
+    apart = {edge: float(np.mean(of_trace[edge] - of_retrace[OPPOSITE[edge]])) for edge in OPPOSITE}
+    if not speed or max(map(abs, apart.values())) > (1 + LOOSE) * 2 * half * abs(speed):
+        return trace, retrace
+    for edge, difference in apart.items():
+        trace[edge] -= difference / (2 * speed)
+        retrace[OPPOSITE[edge]] -= difference / (2 * speed)
+    return trace, retrace
+
+
 def read_scan_record(
     path: str | Path,
     *,
@@ -193,6 +234,7 @@ them (`lines`); there are {names}"
         raise RecordError(str(path), reason)
     trace = triggered(signals["trigger"], rate)
     retrace = triggered(signals["retrace"], rate, -1) if "retrace" in signals else trace[:0]
+    trace, retrace = mirrored(trace, retrace, signals["x"], rate)
     together = np.zeros(trace.size + retrace.size, LINE)
     together[: trace.size], together[trace.size :] = trace, retrace
     together = together[np.argsort(together["start"])]
@@ -318,9 +360,8 @@ def unwarp(
     moved = max(float(np.abs(one - even).max()) for one in across.values()) / pixel
     line = record.lines[0]
     timing = record.jitter * columns / float(line["end"] - line["start"])
-    return Unwarped(
-        images=made, before=before, after=after, moved=moved, timing=timing, verdict=_verdict(after, timing, made)
-    )
+    verdict = _verdict(after, timing, made, _beyond(record, x))
+    return Unwarped(images=made, before=before, after=after, moved=moved, timing=timing, verdict=verdict)
 
 
 def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
@@ -332,6 +373,26 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
     end, last = record.x.size / record.sample_rate, float(lines["end"].max())
     if last > end + 1 / record.sample_rate:
         raise ImageError(f"the recording ends at {end:.4g} s, the last line at {last:.4g} s: it was cut short")
+
+    lasts = lines["end"] - lines["start"]
+    usual = float(np.median(lasts))
+    odd = np.flatnonzero(np.abs(lasts - usual) > max(ODD * usual, 4 * record.jitter))
+    if odd.size:
+        number, period = int(odd[0]), float(lasts[odd[0]])
+        raise ImageError(
+            f"line {number} of the {name} lasts {period:.4g} s, the others {usual:.4g} s: its trigger is damaged"
+        )
+
+
+def _beyond(record: ScanRecord, model: ActuatorModel) -> str:
+    """In a sentence, a voltage that the record of the model does not have; empty where there is none."""
+    (low, high), (least, most) = model.voltage_range, (float(record.x.min()), float(record.x.max()))
+    if max(low - least, most - high) <= OUTSIDE * (high - low):
+        return ""
+    return (
+        f"The voltage goes from {least:.3g} to {most:.3g} V, that of the model's record from {low:.3g} to "
+        f"{high:.3g} V: is its unit right, and the gain of a monitor?"
+    )
 
 
 def _other_count(lines: npt.NDArray[np.void], rows: int) -> str:
@@ -394,7 +455,8 @@ def _resampled(image: Image, x: FloatArray, y: FloatArray | None, area: Area) ->
     for i in range(rows):
         if (back := float(np.max(x[i, :-1] - x[i, 1:]))) > BACK * pixel:
             raise ImageError(
-                f"row {i} goes back by {back:.3g} um: its line is not where the trigger says, or the direction is wrong"
+                f"row {i} goes back by {back:.3g} um: its line is not where the trigger says, the direction is wrong, "
+                "or the voltage is noisy: take the command in place of a monitor"
             )
         order = np.maximum.accumulate(x[i])
         data[i] = _between(even, order, image.data[i])
@@ -464,14 +526,15 @@ def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
     return shift(*(_filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
 
 
-def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[str, Image]) -> Verdict:
-    findings: list[tuple[Level, str]] = []
+def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[str, Image], beyond: str) -> Verdict:
+    findings: list[tuple[Level, str]] = [("doubtful", beyond)] if beyond else []
     if after is not None and (apart := float(np.hypot(*after))) > APART:
         level: Level = "bad" if apart > FAR else "doubtful"
-        text = (
-            f"Trace and retrace are still {apart:.2g} pixels apart: the model is not that of this motion. Identify it "
-        )
-        findings.append((level, text + "from a record of the scan's own lines, or share the rest by `align`."))
+        why = "the model is not that of this motion. Identify it from a record of the scan's own lines"
+        if apart < 2 * timing:  # half a sample of both
+            why = "the trigger leaves as much open. Give a table of lines"
+        text = f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."
+        findings.append((level, text))
     if timing > APART:
         text = (
             f"The trigger places a line to half a sample, {timing:.2g} pixels: record faster, or give a table of lines."

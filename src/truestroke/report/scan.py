@@ -41,7 +41,7 @@ def rows(found: Recorded) -> list[list[str]]:
     across, down = shown.data.shape[::-1]
     pixels = f"{across} x {down} of {' x '.join(map(units.length, shown.pixel))}"
     made = [[lines, f"{found.rows[0]} of {found.rows[1]}"], ["pixels", pixels]]
-    made.append([f"error of {', '.join(found.axes)}", f"{x}, {y} rms"])
+    made.append([f"rms error of {', '.join(found.axes)}", f"{x}, {y}"])
     if found.distortion is not None:
         apart = found.distortion.trace_retrace
         words = f"{apart:.2f} pixels" + (", within the noise" if apart <= found.noise_apart else "")
@@ -76,7 +76,9 @@ def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
 def _captions(found: Recorded) -> dict[str, tuple[str, str]]:
     """With the names of the axes."""
     named = {name: (head, text.replace("x and y", " and ".join(found.axes))) for name, (head, text) in CAPTIONS.items()}
-    return named | {"spectrum": words.spectrum(_shown(found).T, "within the lines")}
+    shown = _shown(found)
+    turns = len(shown) - int(np.count_nonzero(found.scan.inside))
+    return named | {"spectrum": words.spectrum(shown.T, "within the lines", turns)}
 
 
 def plots(found: Recorded, theme: Theme = LIGHT) -> dict[str, Figure]:
@@ -149,7 +151,7 @@ def _lines(found: Recorded, theme: Theme) -> Figure:
         panel.set_title(f"error of {name}")
         panel.set(xlabel=f"{found.axes[0]} (µm)")
     panels[0].set(ylabel="error (nm)")
-    panels[0].legend(loc="best", handlelength=1.2)
+    style.legend_above(panels[0])
     return figure
 
 

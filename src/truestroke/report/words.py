@@ -232,7 +232,7 @@ def made(versions: Mapping[str, str], created: str | None, *known: str) -> str:
     return " · ".join([*shown, *known, *([f"made {created}"] if created else [])])
 
 
-def spectrum(errors: Iterable[FloatArray], part: str = "") -> tuple[str, str]:
+def spectrum(errors: Iterable[FloatArray], part: str = "", between: int = 0) -> tuple[str, str]:
     """Heading and caption of the pictures: what they show, and what was done where samples are missing.
 
     Parameters
@@ -241,17 +241,23 @@ def spectrum(errors: Iterable[FloatArray], part: str = "") -> tuple[str, str]:
         As `spectra.spectrum` takes them, of equal length.
     part : str
         Of what they are, such as "of the second half".
+    between : int
+        Samples between the lines of a scan, which are no number and no loss.
 
     Examples
     --------
     >>> print(spectrum([np.array([1.0, np.nan, 3.0])])[1].partition("bell. ")[2])
     1 of 3 samples are missing: the spectrum has a straight line in their place, so that all others keep their time; \
 the histogram leaves them out.
+    >>> print(spectrum([np.array([1.0, np.nan, 3.0])], between=1)[1].partition("bell. ")[2])
+    Between the lines the spectrum has a straight line; the histogram leaves these samples out.
     """
     known = [np.isfinite(error) for error in errors]
-    missing = max((int(np.count_nonzero(~one)) for one in known), default=0)
+    missing = max((int(np.count_nonzero(~one)) for one in known), default=0) - between
     text = MADE_OF.format(part=f" {part}" if part else "")
-    if missing:
+    if between:
+        text += " Between the lines the spectrum has a straight line; the histogram leaves these samples out."
+    if missing > 0:
         text += (
             f" {missing:,} of {known[0].size:,} samples are missing: the spectrum has a straight line in their place, "
             "so that all others keep their time; the histogram leaves them out."

@@ -220,7 +220,8 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
             f"{limits.voltage_limits[1]:g} V reach at {gain:.3g} um/V: make it smaller, shift it "
             "(`offset`), or correct the stroke"
         )
-        raise SettingError("motion", f"{position.min():.4g} to {position.max():.4g}", bound, "um")
+        ends = [round(float(end), 9) + 0.0 for end in (position.min(), position.max())]
+        raise SettingError("motion", f"{ends[0]:.4g} to {ends[1]:.4g}", bound, "um")
 
 
 def _measured(

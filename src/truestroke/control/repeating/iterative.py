@@ -7,7 +7,9 @@ both the strain of the next pass, and a model of the hysteresis, which the first
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +75,8 @@ class Pass(Displayed):
         Share of the samples of `volts` at a limit of voltage or slew.
     undone : str
         In a sentence, why the next pass does not build on this one; empty where it does.
+    limit : str
+        In a sentence, the limit that holds most of them and what helps; empty where none does.
     """
 
     number: int
@@ -85,21 +89,36 @@ class Pass(Displayed):
     expected: float
     limited: float
     undone: str = ""
+    limit: str = ""
 
     @property
     def verdict(self) -> Verdict:
         """Doubtful where it was undone or at a limit."""
         reasons = [self.undone] if self.undone else []
         if self.limited > LIMITED:
-            reasons.append(
-                f"A limit of voltage or slew holds {100 * self.limited:.0f} % of the waveform: what it cuts off "
-                "cannot be learned. Make the motion smaller or slower, or raise the limit."
-            )
+            reasons.append(self.limit)
         return Verdict("doubtful", tuple(reasons)) if reasons else Verdict("good")
 
     def _display(self) -> tuple[str, Rows]:
         rows = [(name, quantity(getattr(self, name), "um")) for name in ("rmse", "maximum", "noise", "expected")]
         return f"Pass {self.number}: {self.undone or self.verdict.level}", rows
+
+
+class _Held(NamedTuple):
+    """What limits hold of a waveform: the share of all of them, and a sentence of the one that holds most."""
+
+    share: float
+    words: str
+
+    @classmethod
+    def of(cls, shares: Mapping[tuple[str, str], float]) -> _Held:
+        """`shares` of the samples by what holds them, a voltage or the slew, and its remedy."""
+        share = sum(shares.values())
+        if not share > 0:
+            return cls(0.0, "")
+        limit, remedy = max(shares, key=lambda one: shares[one])
+        holds = f"{limit} holds {100 * share:.2g} % of the waveform: what it cuts off cannot be learned."
+        return cls(share, f"{holds} {remedy}")
 
 
 class IterativeLearning(Displayed):
@@ -194,7 +213,7 @@ class IterativeLearning(Displayed):
         self._number = 0
         self._hysteresis: PeriodicHysteresis | None = None
         self._seen: list[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray]] = []  # volts, U, Z and its variance
-        self.volts, self._limited = self._first(model)
+        self.volts, self._held = self._first(model)
         self._base = self.volts  # of the pass on which the next one builds
 
     # ---- The first pass --------------------------------------------------------------------------------------------
@@ -223,7 +242,7 @@ class IterativeLearning(Displayed):
             return self._variance
         return beside(self._frequency, self.dynamics.modes[0].frequency, self.bandwidth)
 
-    def _first(self, model: ActuatorModel | None) -> tuple[FloatArray, float]:
+    def _first(self, model: ActuatorModel | None) -> tuple[FloatArray, _Held]:
         """By the inverse of the model, or by the response where it is sure; refused where a limit forbids it."""
         if model is None:
             excess = np.maximum(self._variance - GAIN**2, 0.0)
@@ -239,9 +258,10 @@ class IterativeLearning(Displayed):
             raise SettingError("slew_limit", self.slew_limit, bound, "V/s")
         return self._within(volts)
 
-    def _within(self, volts: FloatArray) -> tuple[FloatArray, float]:
-        """The same within limits and slew, around the period; and the share of samples that they hold."""
-        held = np.clip(volts, *self.voltage_limits)
+    def _within(self, volts: FloatArray) -> tuple[FloatArray, _Held]:
+        """The same within limits and slew, around the period; and what they hold."""
+        low, high = self.voltage_limits
+        held = np.clip(volts, low, high)
         most = self.slew_limit / self.sample_rate
         if np.abs(np.diff(held, append=held[:1])).max() > most:
             x = held.tolist()
@@ -249,7 +269,16 @@ class IterativeLearning(Displayed):
                 before = x[k % self.samples - 1]
                 x[k % self.samples] = min(max(x[k % self.samples], before - most), before + most)
             held = np.array(x)
-        return held, float(np.mean(np.abs(held - volts) > 1e-9 * np.ptp(self.voltage_limits)))
+        least = 1e-9 * (high - low)
+        below, above = volts < low - least, volts > high + least
+        slewed = (np.abs(held - volts) > least) & ~below & ~above
+        smaller = "or make it smaller."
+        shares = {
+            ("The slew limit", "Make the motion smaller or slower, or raise the limit."): slewed,
+            (f"The lowest voltage, {low:g} V,", f"Move the motion up (`offset`), {smaller}"): below,
+            (f"The highest voltage, {high:g} V,", f"Move the motion down (`offset`), {smaller}"): above,
+        }
+        return held, _Held.of({words: float(np.mean(one)) for words, one in shares.items()})
 
     # ---- Passes ----------------------------------------------------------------------------------------------------
 
@@ -297,13 +326,14 @@ class IterativeLearning(Displayed):
             maximum=float(np.abs(error[self.counts]).max()),
             noise=self._law.noise(noise2),
             expected=following.expected,
-            limited=self._limited,
+            limited=self._held.share,
+            limit=self._held.words,
             undone=following.undone,
         )
         if not following.undone:
             self._base = self.volts
         strain = np.fft.irfft(following.output, self.samples)
-        self.volts, self._limited = self._within(finished(self._hysteresis.volts(strain, self._base, self._moved)))
+        self.volts, self._held = self._within(finished(self._hysteresis.volts(strain, self._base, self._moved)))
         self._number += 1
         return made
 
@@ -349,7 +379,8 @@ class IterativeLearning(Displayed):
             measured=nothing,
             error=nothing,
             expected=self._best[0],
-            limited=self._limited,
+            limited=self._held.share,
+            limit=self._held.words,
             undone="This pass was missed: the same voltage comes again.",
             **same,
         )

@@ -185,11 +185,16 @@ class RepetitiveController(Displayed):
         averaged: float = 0.3,
     ) -> None:
         checks.able("controller", controller, ("command", "adapt"), "a controller, such as an AdaptiveController")
+        if isinstance(controller, RepetitiveController):
+            raise SettingError("controller", controller, "one that has no period yet; change the period of this one")
         settings = getattr(controller, "settings", None)
         given = {"sample_rate": sample_rate, "voltage_limits": voltage_limits, "dynamics": dynamics}
         known: dict[str, Any] = {
             name: getattr(settings, name, None) if value is None else value for name, value in given.items()
         }
+        for name in ("sample_rate", "voltage_limits"):
+            if known[name] is None:
+                raise SettingError(name, None, "given, as the controller has no settings")
         self.controller = controller
         self.sample_rate = checks.positive("sample_rate", known["sample_rate"], "Hz")
         self._given = voltage_limits, slew_limit

@@ -168,8 +168,9 @@ def files_of(argument: str, file: Path, axes: Sequence[str]) -> list[Path]:
     >>> files_of("file", Path("scan.csv"), ["x", "y"])
     Traceback (most recent call last):
         ...
-    truestroke.SettingError: file = 'scan.csv': must be one of HDF5, as recordings are: scan.h5
+    truestroke.SettingError: file = 'scan.csv': must be a name that ends with .h5 or .hdf5, such as scan.h5
     """
     if file.suffix not in ENDINGS:
-        raise SettingError(argument, repr(str(file)), f"one of HDF5, as recordings are: {file.with_suffix('.h5')}")
+        wanted = f"a name that ends with {' or '.join(filter(None, ENDINGS))}, such as {file.with_suffix('.h5')}"
+        raise SettingError(argument, repr(str(file)), wanted)
     return [file if len(axes) == 1 else file.with_name(f"{file.stem}-{name}{file.suffix}") for name in axes]

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
 SLOWEST = 1.0  # Hz of the rows: minutes, and 1.0 GB of memory
+TICK = 7e-5  # s that a tick of all four runs takes, on two cores
 SOFTEST, STIFFEST = 10.0, 2200.0  # Hz: slower rows would be needed, or more samples a second
 LEAD_IN, LEAST_LEAD = 4.0, 8  # s of lines before the image, and their number at least
 LEAD_ROWS, LEAD_SHARE = 96, 0.6  # rows over which y moves in the last of them, at most, and as a share
@@ -64,6 +65,8 @@ class Imaged:
         Of the retrace of the texture against its trace, in x and y, pixels, by `scans.shift`.
     remedy : str
         Another rate, where what harmonics of the rows do at a resonance is why the image is not good.
+    limited : Mapping[str, float]
+        Percent of the ticks in which a limit of voltage or slew held each axis, where one did; of truestroke alone.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Imaged:
     images: Mapping[str, Mapping[str, Image]] = field(repr=False)
     shift: tuple[float, float]
     remedy: str = ""
+    limited: Mapping[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -169,6 +173,17 @@ def scan_of(
     return made
 
 
+def seconds_for(rate: float) -> float:
+    """About how long `image_stage` takes with so many rows per second, s.
+
+    Examples
+    --------
+    >>> round(seconds_for(1.0)), round(seconds_for(40.0))
+    (181, 6)
+    """
+    return TICK * SAMPLE_RATE * (PIXELS / rate + LEAD_IN)
+
+
 def controllers_of(stage: MultiAxisSettings, period: float | None = None) -> MultiAxisController:
     """Truestroke, with the dynamics that `truestroke bode` would measure, and the period of what repeats, s."""
     usual = {"sample_rate": stage.sample_rate, "stroke": STROKE, "voltage_limits": LIMITS, "feedback": False}
@@ -225,18 +240,18 @@ def image_stage(
 
     def made(name: str) -> Imaged:
         going()
-        plant = MultiAxisStage(stage, seed)
+        plant, controller = MultiAxisStage(stage, seed), controllers_of(stage, lines.period_of(scan))
         moving: dict[str, Callable[[], FloatArray]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
-            "truestroke": lambda: lines.together(
-                scan, plant, controllers_of(stage, lines.period_of(scan)), going, hungry
-            ),
+            "truestroke": lambda: lines.together(scan, plant, controller, going, hungry),
         }
         true = moving[name]()
         going()
         with hungry:
-            return _imaged(name, scan, true, samples, _resonances(stage) if name == "truestroke" else {})
+            if name != "truestroke":
+                return _imaged(name, scan, true, samples, {})
+            return replace(_imaged(name, scan, true, samples, _resonances(stage)), limited=_limited(controller))
 
     with ThreadPoolExecutor(4) as several, _ended_together(several) as going:
         several.submit(samples[1], np.zeros(1), np.zeros(1))  # which makes the texture, once for all of them
@@ -246,6 +261,13 @@ def image_stage(
         spiral = around.result()
     verdict = judged(found["truestroke"], spiral.percent, spiral.remedy)
     return Scanned(scan, found, spiral.percent, stage, verdict)
+
+
+def _limited(controller: MultiAxisController) -> dict[str, float]:
+    """Percent of the ticks in which a limit held the voltage of each axis, where one did."""
+    counted = {name: axis.counters for name, axis in controller.axes.items()}
+    held = {name: 100 * max(one.saturated, one.slewed) / one.commands for name, one in counted.items()}
+    return {name: percent for name, percent in held.items() if percent > 0}
 
 
 def _resonances(stage: MultiAxisSettings) -> dict[str, float]:
@@ -335,11 +357,15 @@ def judged(imaged: Imaged, spiral: float, for_spiral: str = "") -> Verdict:
     """Of an image: its largest distortion and shift, pixels; of the spiral, %; each with a remedy, if there is one."""
     findings: list[tuple[Level, str]] = []
     for words, pixels in (
-        ("A pixel is up to {:.2g} pixels from its place.", imaged.distortion.largest),
-        ("Trace and retrace are up to {:.2g} pixels apart.", imaged.distortion.trace_retrace),
+        ("A pixel is up to {} pixels from its place.", imaged.distortion.largest),
+        ("Trace and retrace are up to {} pixels apart.", imaged.distortion.trace_retrace),
     ):
         if pixels > FINE:
-            findings.append(("bad" if pixels > SEEN else "doubtful", words.format(pixels)))
+            shown = f"{pixels:.2g}" if pixels < 100 else f"{pixels:.0f}"
+            findings.append(("bad" if pixels > SEEN else "doubtful", words.format(shown)))
+    for name, percent in imaged.limited.items() if findings else ():
+        text = f"A limit held the voltage of {name} in {percent:.2g} % of the time: fewer rows a second need less."
+        findings.append(("doubtful", text))
     findings += [("doubtful", imaged.remedy)] * bool(findings and imaged.remedy)
     if spiral > ROUND:
         text = f"The spiral of {ROTATION:g} turns per second is {spiral:.2g} % of its diameter off, rms."

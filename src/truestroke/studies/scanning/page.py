@@ -162,8 +162,8 @@ def _part(image: Image) -> tuple[slice, slice]:
 def errors(found: Scanned, theme: Theme = LIGHT) -> Figure:
     """Mean and range over the rows of the error of x along a line, a panel for each controller."""
     with style.use(theme):
-        edges = {**EDGES, "bottom": 0.18, "top": 0.9, "wspace": 0.28}
-        figure, panels = style.panels(2.6, 1, len(found.imaged), edges=edges)
+        edges = {**EDGES, "bottom": 0.17, "top": 0.83, "wspace": 0.28}
+        figure, panels = style.panels(2.8, 1, len(found.imaged), edges=edges)
         for column, (panel, one) in enumerate(zip(panels, found.imaged.values(), strict=True)):
             moved = one.distortion
             x = found.scan.origin[0] + (np.arange(PIXELS) + 0.5) * moved.size[0]
@@ -178,7 +178,8 @@ def errors(found: Scanned, theme: Theme = LIGHT) -> Figure:
             if column == 0:
                 panel.set(ylabel="error (pixels)")
             if column == len(found.imaged) - 1:
-                panel.set_ylim(-0.2, 0.2)
-            if column == 0:
-                panel.legend(loc="upper left", handlelength=1.2)
+                most = max(0.2, 1.1 * float(np.abs(moved.dx).max()))
+                panel.set_ylim(-most, most)
+        entries, corner = panels[0].get_legend_handles_labels(), (EDGES["left"] - 0.02, 1.0)
+        figure.legend(*entries, loc="upper left", bbox_to_anchor=corner, ncols=2, handlelength=1.2)
     return figure
