@@ -18,6 +18,7 @@ from truestroke.identification.records.turning import reversals
 from truestroke.model.branches import Branches
 from truestroke.model.layout import MAX_CREEPS
 from truestroke.model.sampled import play_sum
+from truestroke.signals.noise import noise as sensor_noise
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -37,6 +38,8 @@ WITHIN = 0.98  # of the voltage range: where the rest of the record exceeds what
 DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
 BRANCHES_WITHIN = 0.7  # of the voltage range: where the rest of the record goes further, branches would mislead
 BRANCHES_IF = 0.65  # times the rmse of plays of the voltage alone: with branches it must be below
+BRANCHES_IF_NOISY = 0.6  # or times it, both without the noise of the sensor
+BRANCHES_GAIN = 0.9  # in any case, and times the residual of the fit
 ENOUGH_BRANCHES = 1.1  # of the least rmse: the fewest branches that do not exceed it
 CURVED_PLAYS = 12  # of each curve
 BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
@@ -287,10 +290,10 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return BranchChoice(np.inf, None)
-    noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
-    weights = [w * weight for w in WEAKER]
+    residual = (data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]
+    noise, weights = float(np.var(residual)), [w * weight for w in WEAKER]
     bank, tried = _with_branches(data, s, strain, KINDS, weights)
-    enough = BRANCHES_IF * min(bank.rmse(s, w) for w in weights)
+    enough = _enough(min(bank.rmse(s, w) for w in weights), sensor_noise(residual, (slice(0, residual.size),)))
     of_kinds = min(entry[0] for entry in tried)
     if of_kinds < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
         tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
@@ -302,6 +305,12 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
     compared = [Tried(c, w / noise, score, modes) for score, c, w, _ in tried]
     return BranchChoice(of_kinds, (best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))))
+
+
+def _enough(plain: float, noise: float) -> float:
+    """What branches must be below, um, where the rmse without them is `plain` and has so much noise of the sensor."""
+    beside = math.sqrt(plain**2 - (1 - BRANCHES_IF_NOISY**2) * max(plain**2 - noise**2, 0.0))
+    return min(max(BRANCHES_IF * plain, beside), BRANCHES_GAIN * plain)
 
 
 def _with_branches(
