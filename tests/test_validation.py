@@ -159,6 +159,13 @@ def test_inner_loops_of_one_family_say_nothing_about_others(x: np.ndarray, good:
     assert any("inner loops elsewhere" in words for words in warnings) != good
 
 
+def test_a_stroke_that_the_record_cuts_is_none_of_another_length() -> None:
+    """Six strokes, and 0.6 of one."""
+    _, reasons, warnings = family(4 * foreign_records.up_and_down(T, 0.165), 5.0)
+    assert any(reason.startswith("All strokes are about as long") for reason in reasons)
+    assert any("all strokes are about as long" in words for words in warnings)
+
+
 @pytest.mark.parametrize("levels", [4, 15])
 def test_few_levels_do_not_show_the_curve_between_them(levels: int) -> None:
     """Steps between so many voltages, a new one every 0.1 s."""
