@@ -241,6 +241,12 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
     says = []
     if assumed := [f"{c.heading} in {c.unit}" for c in record.columns.values() if not c.stated]:
         says.append(f"the units are not stated and assumed: {', '.join(assumed)}")
+    moved = record.columns["displacement"]
+    if moved.other:
+        says.append(
+            f"{moved.heading!r} is in {moved.other}, and um are what the scale makes of it; with a scale of 1, um "
+            f"stands for {moved.other} here"
+        )
     if found.mistakes:  # which say the rest
         return says
     for name, size, least, largest, unit in (
