@@ -51,7 +51,7 @@ KINDS: tuple[Kind, ...] = tuple(
     kind for kind in (*itertools.product(CURVES, (0,), ((), BETAS)), ((), 0, STIFF), ((), LEVELS, ())) if any(kind)
 )  # that are compared
 FINER_KINDS: tuple[Kind, ...] = (((), FINER, ()), (CURVES[-1], FINER, ()), ((), FINER, BETAS))
-FINER_IF = 1.25  # times what the others must be below: these are compared, too
+FINER_IF = 1.25  # times the shares of `BRANCHES_IF` that the others must be below: these are compared, too
 FINER_TURNS = 4  # of the places, as wide as a cell, in which the voltage turns: with fewer, cells are not known
 WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
 CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
@@ -293,9 +293,10 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     residual = (data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]
     noise, weights = float(np.var(residual)), [w * weight for w in WEAKER]
     bank, tried = _with_branches(data, s, strain, KINDS, weights)
-    enough = _enough(min(bank.rmse(s, w) for w in weights), sensor_noise(residual, (slice(0, residual.size),)))
+    of_sensor = sensor_noise(residual, (slice(0, residual.size),))
+    enough, near = (_enough(min(bank.rmse(s, w) for w in weights), of_sensor, times) for times in (1.0, FINER_IF))
     of_kinds = min(entry[0] for entry in tried)
-    if of_kinds < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
+    if of_kinds < near and _places_of_turns(data) >= FINER_TURNS:
         tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
     least = min(entry[0] for entry in tried)
     if least >= enough:
@@ -307,10 +308,14 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     return BranchChoice(of_kinds, (best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))))
 
 
-def _enough(plain: float, noise: float) -> float:
-    """What branches must be below, um, where the rmse without them is `plain` and has so much noise of the sensor."""
-    beside = math.sqrt(plain**2 - (1 - BRANCHES_IF_NOISY**2) * max(plain**2 - noise**2, 0.0))
-    return min(max(BRANCHES_IF * plain, beside), BRANCHES_GAIN * plain)
+def _enough(plain: float, noise: float, times: float) -> float:
+    """What branches must be below, um, where the rmse without them is `plain` and has so much noise of the sensor.
+
+    With `times` above 1, what they must be below to be so near.
+    """
+    model = max(plain**2 - noise**2, 0.0)
+    beside = math.sqrt(plain**2 - (1 - (times * BRANCHES_IF_NOISY) ** 2) * model)
+    return min(max(times * BRANCHES_IF * plain, beside), BRANCHES_GAIN * plain)
 
 
 def _with_branches(
