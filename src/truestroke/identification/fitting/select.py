@@ -93,7 +93,7 @@ class Tried:
             f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}{more}",
             f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
             f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
-            f"{s.asymmetry} asymmetry terms{''.join(f', {name}' for name in s.drift)}",
+            f"{s.asymmetry} asymmetry term{'' if s.asymmetry == 1 else 's'}{''.join(f', {name}' for name in s.drift)}",
             "no resonance" if not self.modes else "1 resonance" if self.modes == 1 else f"{self.modes} resonances",
         )
 
