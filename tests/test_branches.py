@@ -228,11 +228,23 @@ def test_what_is_chosen_rises_with_the_voltage_everywhere(duhem):
         assert slopes.min() > 0.99 * FLOOR * m.sensitivity
 
 
-def test_they_are_not_chosen_where_plays_are_enough():
+def test_noise_of_the_sensor_hides_no_gain():
+    """0.5 % of noise: with branches hardly more than noise is left, which is 0.82 of what plays leave."""
+    t = np.arange(6000) / 1000.0
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 2.1 * t) + np.cos(2 * np.pi * 5.3 * t))
+    z = 20.0 * foreign.duhem(v)
+    noisy = z + np.random.Generator(np.random.PCG64(3)).normal(0, 0.1, t.size)
+    found, alone = (identify((100.0 * v, noisy, 1000.0), branches=branches).model for branches in (None, False))
+    off, plain = (np.std((z - model.predict(100.0 * v, 1000.0))[1000:]) for model in (found, alone))
+    assert off < 0.4 * plain
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05, 0.2])
+def test_they_are_not_chosen_where_plays_are_enough(noise):
     t = np.arange(2000) / 1000.0
     x = 100.0 * (0.5 - 0.25 * (np.cos(2 * np.pi * 2.1 * t) + np.cos(2 * np.pi * 5.3 * t)))
     rng = np.random.Generator(np.random.PCG64(4))
-    z = play_history(x, (0.0, 8.0, 17.0, 31.0)) @ [0.15, 0.03, 0.02, 0.02] + rng.normal(0, 0.01, t.size)
+    z = play_history(x, (0.0, 8.0, 17.0, 31.0)) @ [0.15, 0.03, 0.02, 0.02] + rng.normal(0, noise, t.size)
     assert identify((x, z, 1000.0)).model.branches is None
 
 

@@ -66,6 +66,16 @@ def test_fringes_that_an_interferometer_loses_are_found_in_a_small_part_of_the_s
     assert all("once, first at 1.7 s" in text for text in texts)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_hides_no_jump_of_the_zero_and_is_none(seed: int) -> None:
+    """1 % of the stroke, and a jump of 16; 2 % of it, with which a row or two are 10 % from those beside them."""
+    volts, z = clean()
+    noise = float(np.ptp(z)) * np.random.Generator(np.random.PCG64(seed)).standard_normal(z.size)
+    (said,) = faults(Record.from_arrays(volts, faulty("jumps", z) + 0.01 * noise, sample_rate=FS))
+    assert "once, first at 2.5 s" in said
+    assert not [*faults(Record.from_arrays(volts, z + 0.02 * noise, sample_rate=FS))]
+
+
 def test_a_wrong_row_of_the_voltage_is_named_and_a_pulse_of_it_is_none() -> None:
     volts, z = clean()
     volts[1234] = 300.0

@@ -57,6 +57,26 @@ def test_an_amplifier_at_its_slew_rate(share: float, asked: bool) -> None:
     assert any("at the limit of its current or slew rate" in text for text in said) == asked
 
 
+@pytest.mark.parametrize("path", ["slew rate", "lag", "resonance"])
+def test_a_slew_rate_beneath_noise_is_named_with_its_value_and_no_lag_or_resonance_is(path: str) -> None:
+    """1 % of noise; a rate that a tenth of the motion exceeds, a lag or a resonance of the same effect."""
+    t = foreign_records.clock(8.0, 500.0)
+    v = foreign_records.wave(t, np.random.Generator(np.random.PCG64(8)), 4.0)
+    most = float(np.percentile(np.abs(np.diff(v)), 90))
+    paths = {
+        "slew rate": lambda: _slewed(v, most),
+        "lag": lambda: foreign_records.lagged(v, 500.0, 0.01),
+        "resonance": lambda: foreign_records.resonance(v, 500.0, 30.0, 0.1),
+    }
+    z = 20 * foreign_records.bouc_wen(paths[path]())
+    z = z + 0.2 * np.random.Generator(np.random.PCG64(9)).standard_normal(t.size)
+    said = [text for text in examine(Record.from_arrays(100 * v, z, time=t)).implausible if "slew rate" in text]
+    assert len(said) == (path == "slew rate")
+    for text in said:
+        rate = float(text.removeprefix("behind a voltage of at most ").split(" V/s")[0])
+        assert rate == pytest.approx(100 * most * 500.0, rel=0.2)
+
+
 def test_steps_that_an_amplifier_answers_late_do_not_lead() -> None:
     """Rates of steps and of late answers have no common rows: by their sign one was turned round."""
     rng = np.random.Generator(np.random.PCG64(0))

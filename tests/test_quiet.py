@@ -63,3 +63,13 @@ def test_what_is_no_noise_stays() -> None:
     shaken = smooth + 0.003 * normal(5)
     for x in (stairs, smooth, shaken):
         assert without_noise(x, noise_not_followed(x, 10 * x + 1e-3 * normal(6))) is x
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(40.0, 0.03), (60.0, 0.05), (40.0, 1.0)])
+def test_what_shakes_a_slow_stage_stays_and_noise_of_the_measurement_does_not(frequency: float, damping: float) -> None:
+    """Random motion up to 300 Hz, of 0.8 % of the span: a stage of 40 Hz, or a lag, hardly follows the fastest part."""
+    smooth = foreign_records.wave(T, np.random.Generator(np.random.PCG64(4)), 2.0)
+    dither = 0.01 * foreign_records.low_pass(normal(5), 1000.0, 300.0)
+    for put_out, beside in ((smooth + dither, 0.0), (smooth, 0.003 * normal(7))):
+        z = foreign_records.resonance(foreign_records.bouc_wen(put_out), 1000.0, frequency, damping)
+        assert (noise_not_followed(put_out + beside, z + 3e-4 * normal(6)) > 0) == (put_out is smooth)

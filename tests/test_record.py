@@ -454,7 +454,9 @@ def test_an_angle_is_no_displacement_until_its_scale_is_stated(tmp_path: Path) -
     path = text(tmp_path / "r.csv", T, V, Z, head="t (s),V (V),z (mrad)\n")
     with pytest.raises(RecordError, match=r"'z' .mrad. is in mrad; .*`displacement_scale`"):
         read_record(path)
-    np.testing.assert_allclose(read_record(path, displacement_scale=25.0).displacement, 25 * Z, rtol=1e-6)
+    record = read_record(path, displacement_scale=25.0)
+    np.testing.assert_allclose(record.displacement, 25 * Z, rtol=1e-6)
+    assert any("'z' is in mrad, and um are what the scale makes of it" in words for words in examine(record).warnings)
 
 
 def test_settings_that_contradict_are_refused(tmp_path: Path) -> None:

@@ -98,9 +98,9 @@ class OscillationDetector:
         self.started = self.found = False
 
     def update(self, error: float, zdot_d: float, noise: float, *, learned: bool = True) -> float:
-        """One tick: error, um, desired velocity, um/s, standard deviation of a measurement, um; whether weights were good.
+        """One tick: error, um, desired velocity, um/s, standard deviation of a measurement, um.
 
-        Returns the frequency of an oscillation that grows, cycles per tick, or 0.
+        `learned`: weights were good before. Returns the frequency of an oscillation that grows, cycles per tick, or 0.
         """
         s = self.settings
         if not self.started:

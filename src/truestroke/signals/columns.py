@@ -69,6 +69,8 @@ class Column:
         The unit that the file states, also where the caller states another; "" where it states none.
     asked : bool
         Whether the caller states the unit.
+    other : str
+        What the file states that is none of the units, such as mrad, where the caller states another one.
     """
 
     heading: str
@@ -76,6 +78,7 @@ class Column:
     stated: bool
     of_file: str = field(default="", repr=False)
     asked: bool = field(default=False, repr=False)
+    other: str = field(default="", repr=False)
 
 
 def read_columns(
@@ -171,7 +174,8 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
     used = stated if wanted.unit is None else unit(wanted.unit)
     known = used in wanted.units
     of_file = stated if is_unit(stated) else ""
-    return Column(heading, used if known else next(iter(wanted.units)), known, of_file, wanted.unit is not None)
+    other = stated if foreign and stated.lower() in OTHERS else ""
+    return Column(heading, used if known else next(iter(wanted.units)), known, of_file, wanted.unit is not None, other)
 
 
 def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table, remedy: str = "") -> None:

@@ -12,6 +12,11 @@ HALVES = 2, 4, 8, 16, 32, 64  # samples on each side, to which a parabola is fit
 CLEAR = 3.0  # deviations by which a wider window contradicts a narrower one: there it would round a corner
 FOLLOWED = 0.3  # of the gain: where the displacement follows the residual by so much, it is motion
 LATE = 3  # samples by which it may do so
+PAST, LAGS = 12, 16  # samples of the displacement and of the voltage, by which the next displacement is predicted
+HELPS = 0.975  # of its error without what is taken off: with that it must be below
+RIDGE = 1e-9  # of the mean square of a column
+OUTLIER = 4.0  # deviations of that error: steps count as much
+FEWEST, ROWS = 500, 20_000  # for that
 
 
 def noise_of(x: FloatArray, span: float) -> float:
@@ -40,7 +45,10 @@ def noise_not_followed(x: FloatArray, z: FloatArray) -> float:
     (0.2, 0.0)
     """
     deviation = noise_of(x, float(np.ptp(x)))
-    return 0.0 if deviation == 0.0 or _is_followed(x, z, deviation) else deviation
+    if deviation == 0.0:
+        return 0.0
+    gain = abs(float((x - x.mean()) @ (z - z.mean()))) / float(np.sum((x - x.mean()) ** 2))
+    return 0.0 if _is_followed(x, z, deviation, gain) or _shakes(x, z, deviation) else deviation
 
 
 def without_noise(x: FloatArray, deviation: float) -> FloatArray:
@@ -71,13 +79,41 @@ def without_noise(x: FloatArray, deviation: float) -> FloatArray:
     return quiet
 
 
-def _is_followed(x: FloatArray, z: FloatArray, deviation: float) -> bool:
+def _is_followed(x: FloatArray, z: FloatArray, deviation: float, gain: float) -> bool:
     """Whether the displacement moves with the residual of the narrowest parabolas in the voltage, steps aside."""
     from scipy.signal import savgol_filter
 
-    gain = float((x - x.mean()) @ (z - z.mean())) / float(np.sum((x - x.mean()) ** 2))
     rest, moved = (a - savgol_filter(a, 2 * HALVES[0] + 1, 2) for a in (x, z))
     most = CLEAR * deviation
-    rest, moved = np.where(np.abs(rest) < most, rest, 0.0), np.clip(moved, -2 * abs(gain) * most, 2 * abs(gain) * most)
+    rest, moved = np.where(np.abs(rest) < most, rest, 0.0), np.clip(moved, -2 * gain * most, 2 * gain * most)
     shares = (float(rest[: rest.size - k] @ moved[k:]) / float(rest @ rest) for k in range(LATE + 1))
-    return max(abs(share) for share in shares) > FOLLOWED * abs(gain)
+    return max(abs(share) for share in shares) > FOLLOWED * gain
+
+
+def _shakes(x: FloatArray, z: FloatArray, deviation: float) -> bool:
+    """Whether what would be taken off shakes the stage: it helps to predict z beside the past of z and the rest of x.
+
+    A resonance below the fastest parts of the voltage, or a lag, follows none of these.
+    """
+    x, z, past = x[:ROWS], z[:ROWS] - z[:ROWS].mean(), PAST + LAGS
+    if x.size < FEWEST:
+        return False
+    quiet = without_noise(x, deviation)
+    before = [(z, range(1, PAST + 1)), (quiet - quiet.mean(), range(LAGS)), (x - quiet, range(LAGS))]
+    columns = np.column_stack([signal[past - k : x.size - k] for signal, lags in before for k in lags])
+    columns /= np.maximum(columns.std(axis=0), 1e-300)
+    without, beside = (_ahead(columns[:, :count], z[past:]) for count in (PAST + LAGS, PAST + 2 * LAGS))
+    cap = OUTLIER * float(np.median(without)) / 0.6745
+    squares = [float(np.sum(np.minimum(error, cap) ** 2)) for error in (without, beside)]
+    return squares[1] < HELPS**2 * squares[0]
+
+
+def _ahead(columns: FloatArray, target: FloatArray) -> FloatArray:
+    """Magnitude of the errors of each half, predicted by the columns as fitted to the other half."""
+    half = len(target) // 2
+    parts, errors = (slice(0, half), slice(half, None)), []
+    for test, fit in (parts, parts[::-1]):
+        G = columns[fit].T @ columns[fit]
+        weights = np.linalg.solve(G + RIDGE * np.trace(G) / len(G) * np.eye(len(G)), columns[fit].T @ target[fit])
+        errors.append(np.abs(target[test] - columns[test] @ weights))
+    return np.concatenate(errors)

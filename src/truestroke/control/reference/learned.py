@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import SWINGS, Action, FirstGain, Guard, Recall

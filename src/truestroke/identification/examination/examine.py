@@ -182,11 +182,15 @@ def _rates(record: Record, noise: float) -> tuple[float, float, float]:
 
 
 def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """5 and 95 % of speeds, um/s, and lengths, % of span, of the strokes, weighted by their time."""
+    """5 and 95 % of speeds, um/s, and lengths, % of span, of the strokes, weighted by their time.
+
+    The first and the last one are parts of longer ones: without them the lengths, where that leaves some.
+    """
     seconds = np.diff(record.time[turns])
     speeds = np.abs(np.diff(record.displacement[turns])) / seconds
     lengths = 100 * np.abs(np.diff(record.volts[turns])) / span
-    return _weighted(speeds, seconds), _weighted(lengths, seconds)
+    whole = slice(1, -1) if seconds.size >= FEW_PARTS else slice(None)
+    return _weighted(speeds, seconds), _weighted(lengths[whole], seconds[whole])
 
 
 def _places(turns: FloatArray) -> float | None:
@@ -237,6 +241,12 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
     says = []
     if assumed := [f"{c.heading} in {c.unit}" for c in record.columns.values() if not c.stated]:
         says.append(f"the units are not stated and assumed: {', '.join(assumed)}")
+    moved = record.columns["displacement"]
+    if moved.other:
+        says.append(
+            f"{moved.heading!r} is in {moved.other}, and um are what the scale makes of it; with a scale of 1, um "
+            f"stands for {moved.other} here"
+        )
     if found.mistakes:  # which say the rest
         return says
     for name, size, least, largest, unit in (

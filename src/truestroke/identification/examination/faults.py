@@ -16,9 +16,10 @@ SPIKE = 0.2  # of the peak-to-peak value: a row that is so far from those beside
 JUMP = 0.1  # of the stroke: within one row
 SMALL, OTHERS = 0.01, 4.0  # the same at least, if it is so many times what nearly all rows move: fringes that were lost
 MOST, SAMPLED = 99.8, 200_000  # per cent of the rows, and rows, evenly taken, that show it
-BY_CHANCE = 8.0  # deviations of the noise: a step from row to row that is smaller may be noise
+BY_CHANCE = 12.0  # deviations of the noise: a step from row to row that is smaller may be noise
 CONVERTED = 4.0  # steps of a converter: noise makes jumps of one or two
 ALONE = 10.0  # times what the rows beside it do
+QUIET = 5.0  # or, where those beside it are within so many deviations of the noise
 BESIDE = 2  # rows on either side
 BEFORE_S, BEFORE_ROWS = 0.2, 2000  # before a jump: a step of the voltage in there explains it
 EXPLAINS = 0.2  # of the jump, both over their spans: a step of the voltage that is larger
@@ -109,7 +110,8 @@ def _of_jumps(record: Record) -> Iterator[str]:
     """Jumps within a row without one of the voltage: a zero that moved, fringes or rows that were lost."""
     x, z = record.volts, record.displacement
     stroke, span = float(np.ptp(z)), float(np.ptp(x))
-    least = max(SMALL * stroke, CONVERTED * converter_step(z), BY_CHANCE * noise(z, record.segments))
+    deviation = noise(z, record.segments)
+    least = max(SMALL * stroke, CONVERTED * converter_step(z), BY_CHANCE * deviation)
     rows, sizes, usual = _beyond(z, least)
     large = (sizes > JUMP * stroke) | (sizes > OTHERS * usual)
     found = np.setdiff1d(rows[large], [s.start - 1 for s in record.segments[1:]])
@@ -120,7 +122,8 @@ def _of_jumps(record: Record) -> Iterator[str]:
         others = np.delete(steps, BESIDE)
         jump, beside = abs(steps[BESIDE] - others.mean()), np.abs(others - others.mean()).max()
         volts = np.abs(np.diff(x[max(k - before, 0) : k + 2])).max()
-        if jump > ALONE * beside and volts / span < EXPLAINS * jump / stroke:
+        alone = jump > ALONE * beside or beside < QUIET * deviation
+        if alone and volts / span < EXPLAINS * jump / stroke:
             sudden.append(k + 1)
     if sudden:
         k = sudden[0]

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from truestroke.base.typing import FloatArray
+from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.examination.mistakes import TOGETHER, ringing
@@ -34,6 +35,7 @@ TINY = 0.15  # V: few amplifiers are driven by so little, however short the stro
 WEAK = 2e-4  # um/V: less than of a single plate
 MONITOR = re.compile(r"\bmon(itor)?\b|[_ ]mon(itor)?([_ ]|$)|^mon", re.IGNORECASE)
 CONVERTER = 10.5  # V: most converters of a sensor end at 10
+EXPLAINED_BY_SLEW = 0.7  # of what is not explained without: with a slew rate of the amplifier it is below
 LIMITED, FREE = 0.012, 2.0  # of the rows at one largest speed, and times the voltage's speeds differ in them
 NEAR_TOP, FEWEST_AT_TOP = 0.05, 20  # of that speed, and rows
 BITS = range(10, 19)  # of a converter of 20 V
@@ -281,13 +283,23 @@ def level(signal: FloatArray, other: FloatArray, quiet: float, rough: float = 0.
 
 
 def _of_slew(record: Record, found: Findings) -> Iterator[str]:
-    """The displacement has a largest speed, whatever that of the voltage: an amplifier at the limit of its current."""
+    """An amplifier at the limit of its current: the displacement has a largest speed, or is that of such a voltage."""
     share, slowest, fastest = limited(record, found)
+    where = "is the amplifier at the limit of its current or slew rate, and the voltage recorded in front of it?"
+    remedy = "Record behind it, or move more slowly"
     if share > LIMITED and fastest > FREE * slowest:
         yield (
             f"in {100 * share:.2g} % of the rows the displacement moves at one largest speed, while the voltage's "
-            f"differs by more than {FREE:g} times: is the amplifier at the limit of its current or slew rate, and the "
-            "voltage recorded in front of it? Record behind it, or move more slowly"
+            f"differs by more than {FREE:g} times: {where} {remedy}"
+        )
+        return
+    rows = max(record.segments, key=lambda s: s.stop - s.start)
+    behind = slew.best(record.volts[rows], record.displacement[rows], record.sample_rate, found.strokes)
+    if behind is not None and behind.ratio < EXPLAINED_BY_SLEW:
+        yield (
+            f"behind a voltage of at most {behind.rate:.2g} V/s, which is slower than the record's in "
+            f"{100 * behind.share:.2g} % of its fastest rows, the displacement is {1 / behind.ratio:.2g} times better "
+            f"explained: {where} {remedy}"
         )
 
 

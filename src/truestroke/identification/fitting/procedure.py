@@ -13,6 +13,7 @@ from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.identification.fitting.regression import ROWS, Data, Structure
 from truestroke.identification.fitting.response import Response, find_response
 from truestroke.identification.fitting.select import (
+    BRANCHES_GAIN,
     BranchChoice,
     Tried,
     choose,
@@ -33,7 +34,6 @@ NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
 NEITHER_IF = 0.9  # of the rmse of cross-validation with a dead time or lag: without it must be below
-BRANCHES_GAIN = 0.9  # of the residual without branches: with them it must be below
 SEARCHES = 8  # for modes at most, each behind a model that was fitted with those of the one before
 
 

@@ -18,6 +18,7 @@ from truestroke.identification.records.turning import reversals
 from truestroke.model.branches import Branches
 from truestroke.model.layout import MAX_CREEPS
 from truestroke.model.sampled import play_sum
+from truestroke.signals.noise import noise as sensor_noise
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -37,6 +38,8 @@ WITHIN = 0.98  # of the voltage range: where the rest of the record exceeds what
 DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
 BRANCHES_WITHIN = 0.7  # of the voltage range: where the rest of the record goes further, branches would mislead
 BRANCHES_IF = 0.65  # times the rmse of plays of the voltage alone: with branches it must be below
+BRANCHES_IF_NOISY = 0.6  # or times it, both without the noise of the sensor
+BRANCHES_GAIN = 0.9  # in any case, and times the residual of the fit
 ENOUGH_BRANCHES = 1.1  # of the least rmse: the fewest branches that do not exceed it
 CURVED_PLAYS = 12  # of each curve
 BETAS = (1.5, 4.0, 10.0, 25.0)  # times the voltage range
@@ -48,7 +51,7 @@ KINDS: tuple[Kind, ...] = tuple(
     kind for kind in (*itertools.product(CURVES, (0,), ((), BETAS)), ((), 0, STIFF), ((), LEVELS, ())) if any(kind)
 )  # that are compared
 FINER_KINDS: tuple[Kind, ...] = (((), FINER, ()), (CURVES[-1], FINER, ()), ((), FINER, BETAS))
-FINER_IF = 1.25  # times what the others must be below: these are compared, too
+FINER_IF = 1.25  # times the shares of `BRANCHES_IF` that the others must be below: these are compared, too
 FINER_TURNS = 4  # of the places, as wide as a cell, in which the voltage turns: with fewer, cells are not known
 WEAKER = (0.01, 0.1, 1.0, 10.0)  # times the weight of the prior without branches
 CREEPS_IF = 1.25  # times the rmse with a drift: from rest, slower creep that does not exceed it is taken instead
@@ -90,7 +93,7 @@ class Tried:
             f"{len(s.thresholds)} plays to {s.thresholds[-1]:.3g} V{' from rest' if s.rested else ''}{more}",
             f"{len(s.rate_dependent)} rate weights" if s.rate_dependent else "no rate",
             f"creep {', '.join(f'{tau:g}' for tau in s.creep_times)} s" if s.creep_times else "no creep",
-            f"{s.asymmetry} asymmetry terms{''.join(f', {name}' for name in s.drift)}",
+            f"{s.asymmetry} asymmetry term{'' if s.asymmetry == 1 else 's'}{''.join(f', {name}' for name in s.drift)}",
             "no resonance" if not self.modes else "1 resonance" if self.modes == 1 else f"{self.modes} resonances",
         )
 
@@ -287,12 +290,13 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return BranchChoice(np.inf, None)
-    noise = float(np.var((data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]))
-    weights = [w * weight for w in WEAKER]
+    residual = (data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]
+    noise, weights = float(np.var(residual)), [w * weight for w in WEAKER]
     bank, tried = _with_branches(data, s, strain, KINDS, weights)
-    enough = BRANCHES_IF * min(bank.rmse(s, w) for w in weights)
+    of_sensor = sensor_noise(residual, (slice(0, residual.size),))
+    enough, near = (_enough(min(bank.rmse(s, w) for w in weights), of_sensor, times) for times in (1.0, FINER_IF))
     of_kinds = min(entry[0] for entry in tried)
-    if of_kinds < FINER_IF * enough and _places_of_turns(data) >= FINER_TURNS:
+    if of_kinds < near and _places_of_turns(data) >= FINER_TURNS:
         tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
     least = min(entry[0] for entry in tried)
     if least >= enough:
@@ -302,6 +306,16 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
     compared = [Tried(c, w / noise, score, modes) for score, c, w, _ in tried]
     return BranchChoice(of_kinds, (best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))))
+
+
+def _enough(plain: float, noise: float, times: float) -> float:
+    """What branches must be below, um, where the rmse without them is `plain` and has so much noise of the sensor.
+
+    With `times` above 1, what they must be below to be so near.
+    """
+    model = max(plain**2 - noise**2, 0.0)
+    beside = math.sqrt(plain**2 - (1 - (times * BRANCHES_IF_NOISY) ** 2) * model)
+    return min(max(times * BRANCHES_IF * plain, beside), BRANCHES_GAIN * plain)
 
 
 def _with_branches(

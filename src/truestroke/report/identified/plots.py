@@ -152,7 +152,7 @@ def weights(view: View, theme: Theme = LIGHT) -> Figure:
         grid = figure.add_gridspec(2, 1)
         for k, row in enumerate((groups[:above], groups[above:])):
             widths = [
-                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.26 * len(group.heading))
+                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.3 * len(group.heading))
                 for group in row
             ]
             parts = grid[k].subgridspec(1, len(row), width_ratios=widths)
@@ -177,25 +177,26 @@ class _Group:
 def _groups(view: View) -> list[_Group]:
     m, n = view.model, len(view.model.thresholds)
 
-    def small(heading: str, members: list[int], labels: list[str], si: float, unit: str) -> _Group:
+    def scaled(
+        heading: str, members: list[int], labels: list[str] | None, unit: str = "m/V", si: float = 1e-6, below: str = ""
+    ) -> _Group:
         largest = float((np.abs(m.weights) + m.deviations)[members].max())
         factor, unit = units.scaled(si * largest, unit)
-        return _Group(f"{heading} ({unit})", members, labels, "", factor * si)
+        return _Group(f"{heading} ({unit})", members, labels, below, factor * si)
 
-    groups = [_Group("a₀ (µm/V)", [0], ["0"], f"threshold ({volt_unit(view)[1]})")]
+    groups = [scaled("a₀", [0], ["0"], below=f"threshold ({volt_unit(view)[1]})")]
     if n > 1:
         last = run_plots.subscript(f"a{n - 1}")
-        heading = f"plays a₁ to {last} (µm/V)" if n > 2 else "play a₁ (µm/V)"
-        groups.append(_Group(heading, m.a[1:].tolist()))
+        groups.append(scaled(f"plays a₁ to {last}" if n > 2 else "play a₁", m.a[1:].tolist(), None))
     if m.rate_dependent:
-        groups.append(_Group("rate b (µm/V)", m.b.tolist()))
+        groups.append(scaled("rate b", m.b.tolist(), None))
     for name, term in TERMS.items():
         members = list(range(m.parameters))[m.columns[name]]
         if term.unit == "um/V" and members:
-            groups.append(_Group("creep (µm/V)", members, [f"{tau:g}" for tau in m.creep_times], "time constant (s)"))
+            groups.append(scaled("creep", members, [f"{tau:g}" for tau in m.creep_times], below="time constant (s)"))
         elif members:
             labels = [""] if term.most == 1 else [str(i + 1) for i in range(len(members))]
-            groups.append(small(name, members, labels, 1e-6 if term.unit == "um" else 1.0, term.unit.lstrip("u")))
+            groups.append(scaled(name, members, labels, term.unit.lstrip("u"), 1e-6 if term.unit == "um" else 1.0))
     return groups
 
 
@@ -209,7 +210,7 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xlabel(f"threshold ({unit})")
     else:
         x = np.arange(len(k), dtype=np.float64)
-        panel.set_xticks(x, group.labels, fontsize=7 if len(x) > 3 else 8)
+        panel.set_xticks(x, group.labels, fontsize=7 if sum(map(len, group.labels)) > 8 else 8)
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
     style.zero(panel, theme)

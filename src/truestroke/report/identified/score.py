@@ -84,7 +84,7 @@ def score_page(found: Score, model: ActuatorModel, model_file: str | Path = "", 
         verdict=found.verdict,
         remark=REMARKS[found.verdict.level],
         sections=[
-            Section(tables=[Table(columns=["measured minus predicted", "", "of p-p"], rows=rows(found), text=True)]),
+            Section(tables=[Table(columns=["measured minus predicted", "", "of p-p"], rows=rows(found))]),
             Section(tables=[Table(rows=facts, kind="words")]),
             *captioned(CAPTIONS),
         ],
