@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#define BEYOND 2                  /* times the motion so far: an error for which one half-wave is enough */
 #define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
 #define NOT_BELOW ((ts_real)0.2)  /* of the known resonance: a slower error is that of the motion */
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
@@ -39,15 +40,27 @@ static void retreat(ts_controller *c, ts_real frequency)
     c->counters.oscillating++;
 }
 
-/* Before anything was good, an error beyond the motion so far: one half-wave that has ended is enough for an oscillation. */
+/* While the law rests before anything was good, it learns the gain; what that changes of the command decays, as what went before. */
+static void learn_gain(ts_controller *c, ts_real zdot_d)
+{
+    (void)ts_rate_dependent_slopes(c, zdot_d);
+    ts_real before = ts_sum_of_plays(c);
+    ts_take_first(c, true);
+    (void)ts_rate_dependent_slopes(c, zdot_d);
+    c->bumpless += ts_sum_of_plays(c) - before;
+}
+
+/* Before anything was good, an error beyond the motion so far is an oscillation from the second half-wave on, one twice as large from
+ * the first. */
 void ts_watch_burst(ts_controller *c, ts_real error)
 {
     const ts_oscillation *o = &c->oscillation;
     const ts_guard *g = &c->guard;
-    bool burst = size_of(error) > ts_guard_range(g, &c->settings->guard) && size_of(error) > c->settings->oscillation.large;
+    int n = o->regular < 2 ? o->regular : 2;
     bool known = o->found || g->kept || g->held > 0 || c->stage.rest > 0 || c->stage.resonance > 0;
-    if (!burst || known || o->regular < 1) return;
-    ts_real frequency = ts_oscillation_frequency(o, o->regular < 2 ? 1 : 2);
+    ts_real least = (n < 2 ? BEYOND : 1) * ts_guard_range(g, &c->settings->guard), size = size_of(error);
+    if (known || n < 1 || !(size > least && size > c->settings->oscillation.large)) return;
+    ts_real frequency = ts_oscillation_frequency(o, n);
     if (ts_oscillation_is_fast(o, frequency)) retreat(c, frequency);
 }
 
@@ -118,10 +131,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_lim
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c), c->guard.kept);
     if (at_limit) o->sign = o->regular = 0; /* the law does not cause the error there */
     count_ringing(c);
-    if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) { /* nothing but the gain is learned */
-        ts_take_first(c, true);
-        ts_keep_command(c);
-    }
+    if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) learn_gain(c, zdot_d);
     if (rings_freely(c)) {
         c->stage.resonance = ts_oscillation_frequency(o, FREE);
         c->stage.rest = 0;

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from truestroke.control.adaptation import FilteringLaw
-from truestroke.control.reference.command import keep_command
+from truestroke.control.reference.command import keep_command, rate_dependent_slopes, sum_of_plays
 from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, shows_gain, take_first
 from truestroke.control.reference.state import State
 
+BEYOND = 2  # times the motion so far: an error for which one half-wave is enough
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
 REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
@@ -37,16 +38,27 @@ def retreat(c: State, law: FilteringLaw, frequency: float) -> None:
     c.count(oscillating=True)
 
 
-def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
-    """Before anything was good, an error beyond the motion so far.
+def learn_gain(c: State, law: FilteringLaw, zdot_d: float) -> None:
+    """While the law rests before anything was good; what it changes of the command decays, as what went before."""
+    c.slopes, _ = rate_dependent_slopes(c, zdot_d)
+    before = sum_of_plays(c)
+    take_first(c, law, gain_only=True)
+    c.slopes, _ = rate_dependent_slopes(c, zdot_d)
+    c.bumpless += sum_of_plays(c) - before
 
-    One half-wave that has ended is enough for an oscillation.
+
+def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
+    """Before anything was good, an error beyond the motion so far is an oscillation from the second half-wave on.
+
+    One twice as large is one from the first.
     """
     stage, detector, guard = c.stage, c.stage.detector, c.kept.guard
     known = detector.found or guard.kept or guard.held > 0 or stage.rest > 0 or stage.resonance > 0
-    if known or detector.regular < 1 or not abs(error) > max(guard.range, c.oscillation.large):
+    n = min(detector.regular, 2)
+    least = max((BEYOND if n < 2 else 1) * guard.range, c.oscillation.large)
+    if known or n < 1 or not abs(error) > least:
         return
-    frequency = detector.frequency(min(detector.regular, 2))
+    frequency = detector.frequency(n)
     if detector.is_fast(frequency):
         retreat(c, law, frequency)
 
@@ -116,9 +128,8 @@ def watch_stage(c: State, error: float, zdot_d: float, at_limit: bool) -> None:
     if at_limit:
         detector.sign = detector.regular = 0  # the law does not cause the error there
     count_ringing(c, law)
-    if shows_gain(c) and (c.kept.guard.held > 0 or stage.rest > 0):  # nothing but the gain is learned
-        take_first(c, law, gain_only=True)
-        keep_command(c)
+    if shows_gain(c) and (c.kept.guard.held > 0 or stage.rest > 0):
+        learn_gain(c, law, zdot_d)
     if rings_freely(c):
         stage.resonance, stage.rest, c.oscillating = detector.frequency(FREE), 0.0, False
         c.estimator.look(stage.resonance)
