@@ -116,7 +116,7 @@ TS_API void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const
 /* ringing.c */
 TS_API void ts_keep_weights(ts_controller *c, bool start);
 TS_API void ts_watch_burst(ts_controller *c, ts_real error);
-TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_limit);
+TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited);
 
 /* learned.c */
 TS_API bool ts_shows_gain(const ts_controller *c);

@@ -56,10 +56,10 @@ void ts_watch_burst(ts_controller *c, ts_real error)
 {
     const ts_oscillation *o = &c->oscillation;
     const ts_guard *g = &c->guard;
-    int n = o->regular < 2 ? o->regular : 2;
+    int n = o->regular > 1 ? 2 : 1;
     bool known = o->found || g->kept || g->held > 0 || c->stage.rest > 0 || c->stage.resonance > 0;
-    ts_real least = (n < 2 ? BEYOND : 1) * ts_guard_range(g, &c->settings->guard), size = size_of(error);
-    if (known || n < 1 || !(size > least && size > c->settings->oscillation.large)) return;
+    ts_real least = (n > 1 ? 1 : BEYOND) * ts_guard_range(g, &c->settings->guard), size = size_of(error);
+    if (known || o->regular < 1 || !(size > least && size > c->settings->oscillation.large)) return;
     ts_real frequency = ts_oscillation_frequency(o, n);
     if (ts_oscillation_is_fast(o, frequency)) retreat(c, frequency);
 }
@@ -124,12 +124,12 @@ static bool rings_freely(const ts_controller *c)
 }
 
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
-void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_limit)
+void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
 {
     const ts_settings *s = c->settings;
     ts_oscillation *o = &c->oscillation;
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c), c->guard.kept);
-    if (at_limit) o->sign = o->regular = 0; /* the law does not cause the error there */
+    if (limited) o->sign = o->regular = 0; /* the law does not cause the error there; before anything was good, only a voltage at its limit is one */
     count_ringing(c);
     if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) learn_gain(c, zdot_d);
     if (rings_freely(c)) {
@@ -147,7 +147,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool at_lim
             ts_real frequency = ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6);
             if (ts_oscillation_is_fast(o, frequency)) know_resonance(c, frequency);
         }
-    } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !at_limit && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+    } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
         retreat(c, found);
     } else {
         c->stage.age += s->oscillation.tick;

@@ -91,7 +91,7 @@ class Guard:
       learns on from there. If they are not, those of the start are held; if these are no better either, learning was
       not the cause, and goes on as if nothing had happened.
     - *Before anything was good* an error of `burst` times the motion so far, 20 floors and twice the first error is a
-      burst: the first weights are held at once.
+      burst: the first weights, with the gain that was measured, are held at once.
     - *An error swings up* where each of two half-waves was more than 1.5 times the one before, the third is so,
       too, and it is beyond the motion so far and 20 floors. With `burst`, and until the error was small for long, the
       kept weights are then held at once. The error of a sensor that fails jumps.

@@ -119,13 +119,13 @@ def count_ringing(c: State, law: FilteringLaw) -> None:
     law.disturbance = left * left / (2 * f)
 
 
-def watch_stage(c: State, error: float, zdot_d: float, at_limit: bool) -> None:
+def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
     """One tick of the detection of a self-excited oscillation, and the reaction to it."""
     law, stage, detector = c.filtering, c.stage, c.stage.detector
     if law is None or not c.oscillation.tick > 0:
         return
     found = detector.update(error, zdot_d, noise_of(c, law), learned=c.kept.guard.kept)
-    if at_limit:
+    if limited:  # before anything was good, only a voltage at its limit is one
         detector.sign = detector.regular = 0  # the law does not cause the error there
     count_ringing(c, law)
     if shows_gain(c) and (c.kept.guard.held > 0 or stage.rest > 0):
@@ -146,7 +146,7 @@ def watch_stage(c: State, error: float, zdot_d: float, at_limit: bool) -> None:
         found > 0
         and c.kept.guard.held == 0
         and not (detector.found and c.measures_inertia)
-        and not at_limit
+        and not limited
         and found > NOT_BELOW * stage.resonance
         and not c.held
     ):
