@@ -371,7 +371,7 @@ static bool measure(ts_controller *c, ts_real z)
     }
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
-    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, c->guard.kept ? limited : at_limit);
+    else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, ts_was_good(c) ? limited : at_limit);
     if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, z, error, d, staged);
     if (s->law == TS_LAW_KALMAN) {
         ts_watch_learning(c, error, d->z_d, used && (!at_limit || back));

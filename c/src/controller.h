@@ -119,6 +119,7 @@ TS_API void ts_watch_burst(ts_controller *c, ts_real error);
 TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited);
 
 /* learned.c */
+TS_API bool ts_was_good(const ts_controller *c);
 TS_API bool ts_shows_gain(const ts_controller *c);
 TS_API void ts_take_first(ts_controller *c, bool gain_only);
 TS_API void ts_keep_start(ts_controller *c);

@@ -104,11 +104,17 @@ static void hand_over(ts_controller *c)
     c->feedback.alarms = 2 * PAUSE;
 }
 
-/* Whether measurements have shown the gain of the first weights: until others are kept. */
+/* Whether weights were good, now or before the model was lost. */
+bool ts_was_good(const ts_controller *c)
+{
+    return c->guard.kept || c->guard.lost;
+}
+
+/* Whether measurements have shown the gain of the first weights: until others were good. */
 bool ts_shows_gain(const ts_controller *c)
 {
     const ts_first_gain *g = &c->kept.watch.gain;
-    return !c->guard.kept && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
+    return !ts_was_good(c) && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
 }
 
 /* The first weights, with the gain that was measured, from the first measurement on. With `gain_only` terms beside the plays stay. */
@@ -332,7 +338,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     case TS_GUARD_NOTHING:
     default: break;
     }
-    if (g->kept != kept) memset(&c->kept.watch, 0, sizeof c->kept.watch);
+    if (g->kept != kept && !g->lost) memset(&c->kept.watch, 0, sizeof c->kept.watch);
     if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
@@ -373,7 +379,7 @@ void ts_watch_kept(ts_controller *c, const ts_real *u, ts_real z)
 {
     const ts_settings *s = c->settings;
     const ts_guard *g = &c->guard;
-    if (!g->kept && !dynamics_of(c)->known) {
+    if (!ts_was_good(c) && !dynamics_of(c)->known) {
         follow_gain(c, u, through_dead_zones(s, z));
         return;
     }

@@ -57,7 +57,7 @@ void ts_watch_burst(ts_controller *c, ts_real error)
     const ts_oscillation *o = &c->oscillation;
     const ts_guard *g = &c->guard;
     int n = o->regular > 1 ? 2 : 1;
-    bool known = o->found || g->kept || g->held > 0 || c->stage.rest > 0 || c->stage.resonance > 0;
+    bool known = o->found || ts_was_good(c) || g->held > 0 || c->stage.rest > 0 || c->stage.resonance > 0;
     ts_real least = (n > 1 ? 1 : BEYOND) * ts_guard_range(g, &c->settings->guard), size = size_of(error);
     if (known || o->regular < 1 || !(size > least && size > c->settings->oscillation.large)) return;
     ts_real frequency = ts_oscillation_frequency(o, n);
@@ -128,7 +128,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limite
 {
     const ts_settings *s = c->settings;
     ts_oscillation *o = &c->oscillation;
-    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c), c->guard.kept);
+    ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c), ts_was_good(c));
     if (limited) o->sign = o->regular = 0; /* the law does not cause the error there; before anything was good, only a voltage at its limit is one */
     count_ringing(c);
     if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) learn_gain(c, zdot_d);

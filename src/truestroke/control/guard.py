@@ -144,6 +144,11 @@ class Guard:
         self.kept = self.at_start = self.started = self.settled = self.lost = False
 
     @property
+    def was_good(self) -> bool:
+        """Whether weights were good, now or before the model was lost."""
+        return self.kept or self.lost
+
+    @property
     def range(self) -> float:
         """Of the motion, um: at least ten times the floor."""
         return max(self.high - self.low, LEAST_RANGE * self.settings.floor)

@@ -52,7 +52,7 @@ def measure(c: State, z: float) -> bool:
     if not used:
         c.stage.detector.miss(error)
     elif path is None:
-        watch_stage(c, error, motion.zdot_d, limited if c.kept.guard.kept else at_limit)
+        watch_stage(c, error, motion.zdot_d, limited if c.kept.guard.was_good else at_limit)
     watch_resonance(c, z, error, motion.zdot_d, path)
     watch_learning(c, error, motion.z_d, used and (not at_limit or beyond))
     if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:

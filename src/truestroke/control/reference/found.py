@@ -101,7 +101,7 @@ def begin_anew(c: State, law: FilteringLaw) -> None:
 
 def shows_gain(c: State) -> bool:
     """Whether measurements have shown the gain of the first weights: until others are kept."""
-    return not c.kept.guard.kept and c.kept.gain.shown and not is_identified(c)
+    return not c.kept.guard.was_good and c.kept.gain.shown and not is_identified(c)
 
 
 def take_first(c: State, law: FilteringLaw, *, gain_only: bool = False) -> None:

@@ -108,7 +108,7 @@ def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
     z, um, belongs to the regressor u.
     """
     kept, guard = c.kept, c.kept.guard
-    if not guard.kept and c.path is None:
+    if not guard.was_good and c.path is None:
         kept.gain.update(float(dot(kept.first, u)), through_dead_zones(c, z))
         return
     kept.gain.begin()
@@ -318,7 +318,7 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
                 forget_stage(c)
                 c.stage.detector.found = False
             take_weights(c, law, kept.aside, earlier=False)
-    if guard.kept is not known:
+    if guard.kept is not known and not guard.lost:
         kept.gain.begin()
         kept.recall.ticks = 0
     if guard.ticks == 0 and c.is_given:

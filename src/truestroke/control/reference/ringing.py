@@ -53,7 +53,7 @@ def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
     One twice as large is one from the first.
     """
     stage, detector, guard = c.stage, c.stage.detector, c.kept.guard
-    known = detector.found or guard.kept or guard.held > 0 or stage.rest > 0 or stage.resonance > 0
+    known = detector.found or guard.was_good or guard.held > 0 or stage.rest > 0 or stage.resonance > 0
     n = min(detector.regular, 2)
     least = max((BEYOND if n < 2 else 1) * guard.range, c.oscillation.large)
     if known or n < 1 or not abs(error) > least:
@@ -124,7 +124,7 @@ def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
     law, stage, detector = c.filtering, c.stage, c.stage.detector
     if law is None or not c.oscillation.tick > 0:
         return
-    found = detector.update(error, zdot_d, noise_of(c, law), learned=c.kept.guard.kept)
+    found = detector.update(error, zdot_d, noise_of(c, law), learned=c.kept.guard.was_good)
     if limited:  # before anything was good, only a voltage at its limit is one
         detector.sign = detector.regular = 0  # the law does not cause the error there
     count_ringing(c, law)
