@@ -75,10 +75,11 @@ void ts_keep_start(ts_controller *c)
 /* One tick of the gain of the first weights. z belongs to the regressor u. */
 static void follow_gain(ts_controller *c, const ts_real *u, ts_real z)
 {
+    const ts_settings *s = c->settings;
     ts_first_gain *g = &c->kept.watch.gain;
-    ts_real slow = c->settings->oscillation.slow / SLOWER, expected = dot(c->kept.first, u, TS_PADDED(c->parameters)), least = c->settings->guard.floor;
+    ts_real slow = s->oscillation.slow / SLOWER, expected = within(dot(c->kept.first, u, TS_PADDED(c->parameters)), -TS_LARGEST, TS_LARGEST);
     if (g->ticks == 0) {
-        g->product = g->square = least * least * (ts_real)c->settings->guard.window / SURE;
+        g->product = g->square = s->guard.floor * s->guard.floor * (ts_real)s->guard.window / SURE;
         g->first = z;
         g->from = expected;
         g->z = g->expected = 0;
@@ -86,8 +87,8 @@ static void follow_gain(ts_controller *c, const ts_real *u, ts_real z)
     }
     g->z += slow * (z - g->first - g->z);
     g->expected += slow * (expected - g->from - g->expected);
-    g->product += g->z * g->expected;
-    g->square += g->expected * g->expected;
+    g->product = within(g->product + g->z * g->expected, -TS_LARGEST * TS_LARGEST, TS_LARGEST * TS_LARGEST);
+    g->square = within(g->square + g->expected * g->expected, 0, TS_LARGEST * TS_LARGEST);
 }
 
 static void move_offset(ts_controller *c, ts_real by)
@@ -379,7 +380,8 @@ void ts_watch_kept(ts_controller *c, const ts_real *u, ts_real z)
 {
     const ts_settings *s = c->settings;
     const ts_guard *g = &c->guard;
-    if (!ts_was_good(c) && !dynamics_of(c)->known) {
+    bool watched = s->guard.window > 0 && s->oscillation.tick > 0;
+    if (watched && !ts_was_good(c) && !dynamics_of(c)->known) {
         follow_gain(c, u, through_dead_zones(s, z));
         return;
     }

@@ -33,6 +33,7 @@ MOST_BLOCKS = 1000  # in which the motion may come so far
 MISSED = 0.01  # of the motion since then: what kept weights may miss,
 OF_NOISE = 2  # with so many standard deviations of a measurement,
 MOVED_BY = 0.05  # and of the range: by how much they may be off as a whole
+MOST_SQUARE = 1e50 * 1e50  # um^2: the square of TS_LARGEST of the kernel
 MOST_GAIN = 20.0  # times the first gain, or a share of it
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
@@ -432,5 +433,5 @@ class FirstGain:
             self.first = z, expected
         self.z += self.slow * (z - self.first[0] - self.z)
         self.expected += self.slow * (expected - self.first[1] - self.expected)
-        self.product += self.z * self.expected
-        self.square += self.expected * self.expected
+        self.product = min(max(self.product + self.z * self.expected, -MOST_SQUARE), MOST_SQUARE)
+        self.square = min(self.square + self.expected * self.expected, MOST_SQUARE)
