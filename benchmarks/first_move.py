@@ -4,6 +4,7 @@ From rest at 0 V to the middle of the travel within 30, 100 and 300 ms, then 0.6
 that are given five times too wide. Prints the largest true error, % of the move: median, 90 % and largest of stages.
 
     python -m benchmarks.first_move --stages 24 --first 5200  # a minute
+    python -m benchmarks.first_move --first 6000 --below 350  # soft stages only
 """
 
 from __future__ import annotations
@@ -51,11 +52,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--stages", type=int, default=24)
     parser.add_argument("--first", type=int, default=5200, help="number of the first stage")
+    parser.add_argument("--below", type=float, default=np.inf, help="only stages whose f0, Hz, is below")
     of = parser.parse_args()
+    soft = (number for number in itertools.count(of.first) if sampled(number)[0].modes[0][0] < of.below)
+    numbers = list(itertools.islice(soft, of.stages))
     print("within, s   given     limits    median    90 %   largest, % of the move")
     with Pool(2) as pool:
         for seconds, given, wide in itertools.product(MOVES, (False, True), (1.0, 5.0)):
-            jobs = [(number, seconds, given, wide) for number in range(of.first, of.first + of.stages)]
+            jobs = [(number, seconds, given, wide) for number in numbers]
             errors = np.array(pool.starmap(largest_error, jobs))
             words = f"{seconds:8}    {'f0' if given else 'nothing':8}  {'times 5' if wide > 1 else 'right':8}"
             print(f"{words}{np.median(errors):8.1f}{np.quantile(errors, 0.9):8.0f}{errors.max():8.0f}")
