@@ -277,7 +277,7 @@ def test_a_recording_needs_no_name() -> None:
         ({"realtime": {"watchdog": 1.0}}, "realtime.watchdog = 1.0"),
         ({"recording": {"files": "x"}}, "recording.files"),
         ({"recording": {"file": 5}}, "recording.file = 5: must be text in quotes"),
-        ({"recording": {"file": "scan.csv"}}, "recording.file = 'scan.csv': must be one of HDF5.*: scan.h5"),
+        ({"recording": {"file": "scan.csv"}}, "recording.file = 'scan.csv': must be a name that ends with .*scan.h5"),
         ({"axis": [3]}, r"axis = 3: must be a table"),
         ({"axis": 3}, "axis = 3: must be a list"),
         ({"axis.stroke": "30"}, "axis.stroke = '30' um: must be a number, without quotes"),
