@@ -371,7 +371,7 @@ typedef struct {
     int ticks;
 } ts_recall;
 
-/* The gain of the first weights, before others are kept: measured displacements over those that they predict, without what
+/* The gain of the first weights, until others were good: measured displacements over those that they predict, without what
  * oscillates, by least squares. */
 typedef struct {
     ts_real product, square; /* um^2: sums over the ticks */
@@ -484,6 +484,7 @@ typedef struct {
 #define TS_SHOWN 7                    /* plays that stand for the hysteresis */
 #define TS_RESONANCE (TS_SHOWN + 4)
 #define TS_LOWEST_RESONANCE 40       /* Hz: where the search for it ends */
+#define TS_MOST_POINTED 3 /* windows that point elsewhere, between two that show a resonance, or in a search */
 #define TS_HIGHEST_RESONANCE ((ts_real)0.4) /* cycles per tick: a higher one is not seen */
 
 /* Least squares of z + c1 z' + c2 z'' = sum of w[i] times play i, all behind the same band about `centre`, window by window. c2 is
@@ -705,7 +706,7 @@ typedef struct {
         bool begun;                                          /* at the first weights again, since they were kept */
         union {
             ts_recall recall;
-            ts_first_gain gain;                              /* while nothing is kept */
+            ts_first_gain gain;                              /* until weights were good */
         } watch;
     } kept;                           /* Kalman */
     ts_dynamics_state dynamics;       /* Kalman */

@@ -6,8 +6,7 @@
 #define OF_MOTION 2                 /* its end is at TS_LOWEST_RESONANCE, or at so many times the motion's frequency, */
 #define AGAIN_FROM ((ts_real)0.36)  /* cycles per tick: and where every second one begins after that; */
 #define NEXT ((ts_real)0.6)         /* of a centre: the next one, where there was no resonance */
-#define POINTS ((ts_real)0.05)      /* standard deviation of an estimate, over it, that says where the next window is, */
-#define MOST_POINTED 3              /* and so many of these between two that show a resonance, or in a search */
+#define POINTS ((ts_real)0.05)      /* standard deviation of an estimate, over it, that says where the next window is */
 #define PASSES ((ts_real)0.35)      /* of the centre: corner of the filter that takes the motion away */
 #define SHARP ((ts_real)1.4)        /* twice the damping of that filter, */
 #define ROUND 1                     /* and of the one behind it, which takes noise away */
@@ -324,7 +323,7 @@ static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, 
     }
     if (!(r->speed > 0) && QUIET * r->power < search->burst) return r->centre; /* at rest nothing shows, wherever the window is */
     bool points = w->points > 0 && w->points <= search->highest && !is_about(r, w->points);
-    if (points && search->burst > 0 && r->pointed < MOST_POINTED) {
+    if (points && search->burst > 0 && r->pointed < TS_MOST_POINTED) {
         r->pointed++;
         return w->points;
     }

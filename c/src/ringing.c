@@ -131,7 +131,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limite
     ts_real found = ts_oscillation_tick(o, &s->oscillation, error, zdot_d, noise_of(c), ts_was_good(c));
     if (limited) o->sign = o->regular = 0; /* the law does not cause the error there; before anything was good, only a voltage at its limit is one */
     count_ringing(c);
-    if (ts_shows_gain(c) && (c->guard.held > 0 || c->stage.rest > 0)) learn_gain(c, zdot_d);
+    if ((c->guard.held > 0 || c->stage.rest > 0) && ts_shows_gain(c)) learn_gain(c, zdot_d);
     if (rings_freely(c)) {
         c->stage.resonance = ts_oscillation_frequency(o, FREE);
         c->stage.rest = 0;

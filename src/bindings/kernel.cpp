@@ -314,7 +314,7 @@ void check_resonance(const ts_controller &c) {
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
-    require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.pointed >= 0 && r.pointed <= 3,
+    require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.pointed >= 0 && r.pointed <= TS_MOST_POINTED,
                 "counts of 0 or more, of a window that has not ended");
 }
 

@@ -128,7 +128,7 @@ def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
     if limited:  # before anything was good, only a voltage at its limit is one
         detector.sign = detector.regular = 0  # the law does not cause the error there
     count_ringing(c, law)
-    if shows_gain(c) and (c.kept.guard.held > 0 or stage.rest > 0):
+    if (c.kept.guard.held > 0 or stage.rest > 0) and shows_gain(c):
         learn_gain(c, law, zdot_d)
     if rings_freely(c):
         stage.resonance, stage.rest, c.oscillating = detector.frequency(FREE), 0.0, False
