@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from truestroke.control.adaptation import LARGEST
+
 SHARE = 0.02  # of the motion's range: a smaller error is no failure,
 WORSE = 4  # nor one below so many times the best,
 NOISES = 6  # nor one of so many standard deviations of a measurement
@@ -33,7 +35,6 @@ MOST_BLOCKS = 1000  # in which the motion may come so far
 MISSED = 0.01  # of the motion since then: what kept weights may miss,
 OF_NOISE = 2  # with so many standard deviations of a measurement,
 MOVED_BY = 0.05  # and of the range: by how much they may be off as a whole
-MOST_SQUARE = 1e50 * 1e50  # um^2: the square of TS_LARGEST of the kernel
 MOST_GAIN = 20.0  # times the first gain, or a share of it
 FORGIVEN = 8  # times `wait` good windows until the next hold is shorter again
 
@@ -429,9 +430,11 @@ class FirstGain:
 
     def update(self, expected: float, z: float) -> None:
         """One tick: what the first weights predict, and what was measured, um."""
+        expected = min(max(expected, -LARGEST), LARGEST)
         if self.first is None:
             self.first = z, expected
         self.z += self.slow * (z - self.first[0] - self.z)
         self.expected += self.slow * (expected - self.first[1] - self.expected)
-        self.product = min(max(self.product + self.z * self.expected, -MOST_SQUARE), MOST_SQUARE)
-        self.square = min(self.square + self.expected * self.expected, MOST_SQUARE)
+        most = LARGEST * LARGEST
+        self.product = min(max(self.product + self.z * self.expected, -most), most)
+        self.square = min(self.square + self.expected * self.expected, most)

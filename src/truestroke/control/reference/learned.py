@@ -3,7 +3,7 @@
 import math
 
 from truestroke.base.typing import FloatArray
-from truestroke.control.adaptation import LARGEST, FilteringLaw
+from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import SWINGS, Action, FirstGain, Guard, Recall
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.found import (
@@ -110,8 +110,7 @@ def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
     kept, guard = c.kept, c.kept.guard
     watched = guard.settings.window > 0 and c.oscillation.tick > 0
     if watched and not guard.was_good and c.path is None:
-        expected = min(max(float(dot(kept.first, u)), -LARGEST), LARGEST)
-        kept.gain.update(expected, through_dead_zones(c, z))
+        kept.gain.update(float(dot(kept.first, u)), through_dead_zones(c, z))
         return
     kept.gain.begin()
     if not guard.lost or kept.staged or c.held or c.lagged.ticks < 2:
