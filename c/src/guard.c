@@ -162,7 +162,7 @@ static bool bursts(const ts_guard *g, const ts_guard_settings *s, ts_real error,
 {
     ts_real size = error < 0 ? -error : error, first = g->start < 0 ? -g->start : g->start;
     ts_real motion = g->high - g->low, away = z_d < 0 ? -z_d : z_d;
-    if (g->kept || g->held > 0 || g->pause > 0 || !(s->burst > 0)) return false;
+    if (g->kept || g->held > 0 || !(s->burst > 0)) return false;
     if (motion < away) motion = away; /* a sensor that was not zeroed: the first command goes this far */
     return size > s->burst * motion && size > LEAST_BURST * s->floor && size > 2 * first;
 }

@@ -214,7 +214,7 @@ class Guard:
 
         The motion is at least `away`, um, from 0: where the sensor was not zeroed, the first command goes so far.
         """
-        if self.kept or self.held > 0 or self.pause > 0 or not self.settings.burst > 0:
+        if self.kept or self.held > 0 or not self.settings.burst > 0:
             return False
         beyond = size > self.settings.burst * max(self.high - self.low, away)
         return beyond and size > LEAST_BURST * self.settings.floor and size > 2 * abs(self.start)
