@@ -25,7 +25,9 @@ def errors(of: FastRun, times: float) -> tuple[float, float]:
     settings = of.controllers["measured"]
     right = settings.dynamics
     modes = tuple(dataclasses.replace(mode, frequency=times * mode.frequency) for mode in right.modes)
-    settings = dataclasses.replace(settings, dynamics=dataclasses.replace(right, modes=modes))
+    wrong = dataclasses.replace(right, modes=modes)
+    follow = dict.fromkeys(("feedback", "smoothing_time", "slew_limit"))  # from the dynamics
+    settings = dataclasses.replace(settings, dynamics=wrong, **follow)
     motion = of.motions["measured"]
     recording = run(motion, AdaptiveController.from_settings(settings), StagePlant(of.plant, of.seed))
     error = (recording["true"] - recording["desired"]) / of.sampled["span"]["measured"]

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.changing_motion import rise, tone
+from benchmarks.foreign_stages import Relays, travel
+from benchmarks.foreign_stages import Stage as OtherStructure
 
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control.reference import ReferenceController
@@ -80,6 +84,26 @@ def test_a_resonance_that_is_given_is_a_stage_at_once(kind: str, times: float) -
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+def test_a_second_mode_far_above_the_resonance_that_is_given_does_not_take_its_place() -> None:
+    """A slow sine that shows 199 Hz behind 83 Hz, given as 95 Hz: it did, and the next fast motion burst."""
+    modes = [(83.0, 0.068, 0.854), (199.4, 0.0054, 0.146)]
+    make = partial(OtherStructure, modes, RATE, limits=(0.0, 100.0), stroke=100.0, lag=941.0, seed=3)
+    (bottom, top), stage = travel(make(hysteresis=Relays(0.14))), make(hysteresis=Relays(0.14))
+    middle, span, begins = (bottom + top) / 2, top - bottom, round(0.1 * RATE)
+    slow = tone(np.arange(round(RATE)) / RATE, 5.0, 0.35 * span) * np.minimum(1, np.arange(round(RATE)) / begins)
+    motion = np.concatenate([middle * rise(begins, RATE), np.add(slow, [[middle], [0], [0]])], axis=1).T
+    kernel = AdaptiveController(sample_rate=RATE, stroke=100.0, voltage_limits=(0.0, 100.0), resonance=95.45)
+    text = ReferenceController(kernel.settings)
+    stage.open()
+    for z_d, zdot_d, zddot_d in motion.tolist():
+        volts = kernel.command(z_d, zdot_d, zddot_d)
+        assert text.command(z_d, zdot_d, zddot_d) == volts
+        z = float(stage.exchange(np.array([volts]))[0])
+        kernel.adapt(z), text.adapt(z)
+    np.testing.assert_array_equal(kernel.weights, text.weights)
+    assert kernel.resonance == pytest.approx(95.45)
+
+
 def test_the_verdict_names_both_resonances() -> None:
     """With the right dynamics there is no such reason, and the run is good."""
     for times, level in ((0.8, "doubtful"), (1.0, "good")):

@@ -125,6 +125,26 @@ def test_the_default_slew_limit_is_raised_for_a_known_motion_that_needs_more_and
     assert feasibility.needed_slew(wave, ControllerSettings(**bench), most=1000.0) == 1000.0  # that of the axis stays
 
 
+@pytest.mark.parametrize(
+    ("needs", "raised"), [(0.4, None), (0.49, None), (0.6, 1.2), (0.95, 1.9), (1.05, 2.1), (1.2, 2.4)]
+)
+def test_a_stage_half_as_sensitive_as_expected_is_not_held_back_by_the_default(needs: float, raised: float) -> None:
+    """Of the default slew limit; it is raised to twice the need, also where the need is below it."""
+    default, fast = SETTINGS.slew_limit, sine(frequency=100.0, peak_to_peak=20.0, duration=1.0)
+    frequency = 100.0 * needs * default / feasibility.demands(fast, SETTINGS).slew
+    limit = feasibility.needed_slew(sine(frequency=frequency, peak_to_peak=20.0, duration=1.0), SETTINGS)
+    assert limit is None if raised is None else limit == pytest.approx(raised * default, rel=1e-2)
+
+
+def test_the_default_slew_limit_follows_a_resonance_that_is_given() -> None:
+    """A sine over all of the travel at a third of it needs less than half of the limit, and a chosen limit stays."""
+    settings = ControllerSettings(**BENCH | {"sample_rate": 10_000.0}, resonance=600.0)
+    whole = sine(frequency=200.0, peak_to_peak=30.0, duration=1.0, sample_rate=10_000.0)
+    assert 0.3 < feasibility.demands(whole, settings).slew / settings.slew_limit < 0.5
+    assert ControllerSettings(**BENCH, resonance=50.0).slew_limit == SETTINGS.slew_limit
+    assert ControllerSettings(**BENCH, resonance=600.0, slew_limit=300.0).slew_limit == 300.0
+
+
 def test_a_simulation_raises_the_slew_limit_as_a_run_does() -> None:
     wave = sine(frequency=100.0, peak_to_peak=20.0, duration=0.6)
     one = truestroke.Simulation(trajectory=wave, controller=SETTINGS, plant=PlantSettings(), seed=3)

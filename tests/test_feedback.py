@@ -9,7 +9,7 @@ from benchmarks import loads
 from late import Late
 from scipy import optimize, signal
 
-from truestroke import Dynamics, Mode, SettingError
+from truestroke import ControllerSettings, Dynamics, Mode, SettingError
 from truestroke.control import feedback, loop_shaping
 from truestroke.control.feedback import Feedback, design
 from truestroke.plant import StageSettings
@@ -254,3 +254,17 @@ def test_margins_of_a_loop_in_closed_form() -> None:
 def test_bad_arguments_are_refused(arguments: dict[str, float], words: str) -> None:
     with pytest.raises(SettingError, match=words):
         design(STAGES["usual"][0], **arguments)
+
+
+def test_a_feedback_of_other_dynamics_that_is_unstable_is_refused() -> None:
+    """Who replaces the dynamics keeps the filters that were designed for those of before."""
+    stiff, soft = (
+        Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=f, damping=0.01),), dead_time=1e-4) for f in (900.0, 300.0)
+    )
+    settings = ControllerSettings(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0), dynamics=stiff)
+    with pytest.raises(
+        SettingError,
+        match=r"^feedback = a Feedback of 7 filters: must be stable with these dynamics, .*; True designs one",
+    ):
+        replace(settings, dynamics=soft)
+    assert replace(settings, dynamics=soft, feedback=True).feedback == design(soft, stroke=20.0)

@@ -94,6 +94,7 @@ def test_the_inertia_of_the_stage_is_in_the_command() -> None:
     assert told < filtered / 1.4
 
 
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")  # that the slew limit is raised
 @pytest.mark.parametrize(
     ("wave", "plant", "resonance"),
     [

@@ -349,7 +349,8 @@ def needed_slew(
     if settings.slew_limit != default or default >= most:
         return None
     needs = demands(trajectory, settings, mode)
-    return min(SLEW_SPARE * needs.slew, most) if SPARE * needs.slew > default else None
+    raised = SLEW_SPARE * needs.slew
+    return min(raised, most) if raised > default else None
 
 
 def raise_slew(trajectory: Trajectory | Pursued, controller: Any, most: float = math.inf) -> tuple[str, ...]:

@@ -135,6 +135,20 @@ class Feedback(Displayed):
         response = dynamics.check_rate(self.sample_rate).response(f, sensor=True)
         return np.asarray(self.response(f) * late * response)
 
+    def is_stable(self, dynamics: Dynamics) -> bool:
+        """Whether the loop with these dynamics is stable (Nyquist): with others than those of the design it may not be.
+
+        >>> from truestroke.model.dynamics import Mode
+        >>> stage, other = (
+        ...     Dynamics(sample_rate=10000.0, modes=(Mode(frequency=f, damping=0.01),), dead_time=1e-4)
+        ...     for f in (900.0, 300.0)
+        ... )
+        >>> found = design(stage, stroke=20.0)
+        >>> found.is_stable(stage), found.is_stable(other)
+        (True, False)
+        """
+        return bool(loop_shaping.stable(self.open_loop(dynamics, grid(dynamics, self.hum))))
+
     def sensitivity(self, dynamics: Dynamics, frequency: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """|S| at frequencies, Hz, of any shape; and its largest for gains from 0.7 to 1.3, resonances within 5 %."""
         worst = [_nearest(self.open_loop(_moved(dynamics, factor), frequency)) for factor in CLOSER]

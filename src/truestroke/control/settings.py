@@ -39,7 +39,8 @@ FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where t
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
 RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
 SLEW = 120.0  # voltage ranges a second
-SLEW_OF_RESONANCE = 6.0  # voltage ranges in a period of the resonance
+SLEW_OF_DYNAMICS = 6.0  # voltage ranges in a period of the first resonance of the dynamics,
+SLEW_OF_RESONANCE = 2.0  # and where `resonance` alone is known: twice what a sine of f0/3 over the whole travel needs
 MOTION_RATE = 10.0  # 1/s: how fast the means of the motion follow
 USUAL_RATE = 16.0  # 1/s: how fast the usual error of the model follows, to which a change is related
 RANGE_RATE = 1.0  # 1/s: how fast the range of the motion shrinks
@@ -125,6 +126,9 @@ def _feedback(s: ControllerSettings, name: str, value: Any, unit: str) -> Feedba
     if found.filters and (found.sample_rate, found.latency) != (s.sample_rate, s.latency):
         words = f"designed for {s.sample_rate:g} Hz and a latency of {s.latency} ticks, those of the controller"
         raise SettingError(name, f"a Feedback for {found.sample_rate:g} Hz and {found.latency} ticks", words)
+    if found.filters and s.dynamics is not None and not found.is_stable(s.dynamics):
+        words = "stable with these dynamics, and it was designed for others; True designs one for these"
+        raise SettingError(name, f"a Feedback of {len(found.filters)} filters", words)
     return _hears(s, found)
 
 
@@ -311,10 +315,11 @@ def default_slope_limits(s: ControllerSettings) -> tuple[float, float]:
 
 
 def default_slew_limit(s: ControllerSettings) -> float:
-    """`120 * voltage_range`; with `dynamics` 6 voltage ranges in a period of the first resonance, if that is more."""
+    """`120 * voltage_range`; in a period of f0 2 ranges with `resonance`, 6 with `dynamics`, if that is more."""
     # `feasibility` raises it for a known motion that needs more
-    resonance = s.dynamics.modes[0].frequency if s.dynamics is not None else 0.0
-    return max(SLEW, SLEW_OF_RESONANCE * resonance) * s.voltage_range
+    known = s.dynamics
+    of_stage = SLEW_OF_RESONANCE * s.resonance if known is None else SLEW_OF_DYNAMICS * known.modes[0].frequency
+    return max(SLEW, of_stage) * s.voltage_range
 
 
 def default_smoothing_time(s: ControllerSettings) -> float:
