@@ -13,7 +13,7 @@
 #define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
 #define FURTHER ((ts_real)0.15)   /* unless by so much */
 #define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
-#define BEYOND ((ts_real)1.5)      /* times the resonance of the settings: what is shown above may be the second mode */
+#define MAY_BE_SECOND ((ts_real)1.5) /* times the resonance of the settings: what is shown above may be the second mode */
 #define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
@@ -315,12 +315,12 @@ static ts_real burst_of(const ts_controller *c)
 }
 
 /* Whether what is shown is so far above the resonance of the settings that it may be the second mode, and explains no burst. */
-static bool is_beyond(const ts_controller *c)
+static bool may_be_second(const ts_controller *c)
 {
     const ts_settings *s = c->settings;
     const ts_resonance *r = &c->resonance;
     bool shown = c->found.known && !is_assumed(c);
-    if (shown || s->dynamics.known || !(s->resonance > 0) || !(r->known > BEYOND * s->resonance)) return false;
+    if (shown || s->dynamics.known || !(s->resonance > 0) || !(r->known > MAY_BE_SECOND * s->resonance)) return false;
     return !(r->power > burst_of(c) && r->driven > DRIVEN);
 }
 
@@ -329,7 +329,7 @@ static bool is_beyond(const ts_controller *c)
 static bool matters(const ts_controller *c)
 {
     const ts_resonance *r = &c->resonance;
-    if (!may_have_stage(c) || is_beyond(c)) return false;
+    if (!may_have_stage(c) || may_be_second(c)) return false;
     bool assumed = c->found.known && is_assumed(c);
     bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c);
     if (bursts && !(r->driven > DRIVEN)) return false;

@@ -22,7 +22,7 @@ FURTHER = 0.15  # unless by so much
 DOUBT = 0.01  # of the motion's range: an error that the dynamics of the settings should not leave
 LASTS = 8  # windows with such an error, which does not fall: then they are doubted
 ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
-BEYOND = 1.5  # times the resonance of the settings: what is shown above may be the second mode
+MAY_BE_SECOND = 1.5  # times the resonance of the settings: what is shown above may be the second mode
 DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
 FIRST_HOLD = 4  # blocks of the first hold of weights that had the least error
@@ -284,14 +284,14 @@ def is_assumed(c: State) -> bool:
     return c.stage.found and c.stage.resonance == c.members["resonance"]
 
 
-def is_beyond(c: State) -> bool:
+def may_be_second(c: State) -> bool:
     """Whether what is shown is so far above the resonance of the settings that it may be the second mode.
 
     It explains no burst then.
     """
     known, given = c.estimator, c.members["resonance"]
     shown = c.stage.found and not is_assumed(c)
-    if shown or c.members["dynamics.known"] or not given > 0 or not known.known > BEYOND * given:
+    if shown or c.members["dynamics.known"] or not given > 0 or not known.known > MAY_BE_SECOND * given:
         return False
     return not (known.power > burst_of(c) and known.driven > DRIVEN)
 
@@ -302,7 +302,7 @@ def matters(c: State) -> bool:
     The motion is then fast enough, and the error larger than noise; or it rings.
     """
     law, known, stage = c.filtering, c.estimator, c.stage
-    if law is None or not may_have_stage(c) or is_beyond(c):
+    if law is None or not may_have_stage(c) or may_be_second(c):
         return False
     assumed = is_assumed(c)
     bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)
