@@ -238,6 +238,28 @@ def normalised(r: Record) -> Planted:
     return named(r.time, r.volts, (r.displacement - r.displacement.min()) / np.ptp(r.displacement)), {}
 
 
+def centred(r: Record) -> Planted:
+    """The means of both signals taken off"""
+    return named(r.time, r.volts - r.volts.mean(), r.displacement - r.displacement.mean()), {}
+
+
+def one_way(r: Record) -> Planted:
+    """Only rows in which the voltage rises, without time stamps"""
+    rises = np.flatnonzero(np.gradient(r.volts) > 0)
+    return {"volts (V)": r.volts[rises], "z (um)": r.displacement[rises]}, {"sample_rate": r.sample_rate}
+
+
+def share_of_volts(r: Record) -> Planted:
+    """Voltage over its span, labelled V"""
+    return named(r.time, (r.volts - r.volts.min()) / np.ptp(r.volts), r.displacement), {}
+
+
+def percent(r: Record) -> Planted:
+    """Both in % of their spans, and the headings say so"""
+    x, z = (100 * (a - a.min()) / np.ptp(a) for a in (r.volts, r.displacement))
+    return {"time (s)": r.time, "volts (%)": x, "z (%)": z}, {}
+
+
 def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
     return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
 
@@ -282,6 +304,10 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     two_clocks,
     counts,
     normalised,
+    centred,
+    one_way,
+    share_of_volts,
+    percent,
 )
 
 

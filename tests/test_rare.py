@@ -179,6 +179,32 @@ def test_columns_that_are_not_what_they_are_taken_for(good: tuple[FloatArray, Fl
     assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
 
 
+def test_a_voltage_over_its_span(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    x, z = good
+    over = (x - x.min()) / np.ptp(x)
+    (text,) = asked(written(tmp_path, over, 0.1 * z))
+    assert "exactly from 0 to 1: is it normalised?" in text
+    assert asked(tmp_path / "a.csv", volts_scale=1.0) == ()
+    assert asked(written(tmp_path, 1.001 * over, 0.1 * z)) == asked(written(tmp_path, 100 * over, z)) == ()
+
+
+@pytest.mark.parametrize("digits", ["%.9g", "%.3f"])
+def test_means_that_were_taken_off_both_signals(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path, digits: str
+) -> None:
+    """Off the voltage alone nothing is seen, as many waves have a mean of 0; off the displacement nothing is lost."""
+    x, z = good
+    for volts, moved, seen in (
+        (x - x.mean(), z - z.mean(), True),
+        (x - x.mean(), z, False),
+        (x, z - z.mean(), False),
+        (x - x.mean(), z - z.mean() + 1e-4, False),
+    ):
+        table = np.column_stack([T, volts, moved])
+        np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t (s),volts (V),z (um)", comments="", fmt=digits)
+        assert [text.startswith("the means of") for text in asked(tmp_path / "a.csv")] == [True] * seen
+
+
 def test_stamps_that_count_rows_or_make_hours(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
     x, z = good[0][:-1], good[1][1:]  # turns with the voltage
     assert "one apart each: do they count the rows?" in asked(written(tmp_path, x, z, rate=1.0))[0]
