@@ -159,6 +159,11 @@ def another(r: Record) -> Planted:
     return named(r.time, r.volts, np.concatenate([z[:half], z[half] + 0.75 * (z[half:] - z[half])])), {}
 
 
+def warming(r: Record) -> Planted:
+    """The gain grows by 20 % in the course of the record"""
+    return named(r.time, r.volts, r.displacement * np.linspace(1.0, 1.2, r.time.size)), {}
+
+
 def copied(r: Record) -> Planted:
     """One row in fifty written twice, without time stamps"""
     rows = np.sort(np.concatenate([np.arange(r.time.size), np.arange(25, r.time.size, 50)]))
@@ -291,6 +296,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     coupled,
     lost,
     another,
+    warming,
     copied,
     counted,
     aliased,

@@ -149,7 +149,7 @@ def test_converters_of_12_bits_that_repeat_both_values_where_the_voltage_turns_w
 
 
 def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> None:
-    """One channel loses rows; another actuator; and a sensor that is AC-coupled, at a tenth of the lowest tone."""
+    """One channel loses rows; another actuator; warmth; a sensor that is AC-coupled, at a tenth of the lowest tone."""
 
     x, z = good
 
@@ -162,6 +162,11 @@ def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> No
     assert "from about 1.484 s on the displacement is earlier by about 24 rows, 24 ms" in says(lost)
     softer = np.concatenate([z[:half], z[half] + 0.8 * (z[half:] - z[half])])
     assert "s on strokes have 79 % of the gain" in says(softer)
+    for share in (0.85, 1.2):
+        warm = says(z * np.linspace(1.0, share, T.size))
+        assert "of the gain of the beginning, and it changes steadily" in warm
+        assert float(warm.split("strokes have ")[1].split(" %")[0]) == pytest.approx(100 * share, abs=2)
+    assert "of the gain" not in says(z * np.linspace(1.0, 1.04, T.size))
     coupled = lfilter(*butter(1, 0.3, "high", fs=RATE), z - z[0])
     assert "by itself, with a time constant of about 0.532 s" in says(np.asarray(coupled))
 

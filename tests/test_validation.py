@@ -180,6 +180,17 @@ def test_strokes_that_take_as_long_do_not_show_the_speed(x: np.ndarray, loop: fl
     assert any(reason.startswith("All strokes take about as long (250 ms)") for reason in reasons) == same
 
 
+@pytest.mark.parametrize(("hysteresis", "matters"), [(-0.5, True), (0.5, True), (1.0, False), (4.0, True)])
+def test_a_delay_that_takes_the_loop_may_be_hysteresis(hysteresis: float, matters: bool) -> None:
+    """Of a loop of 6 %, beside noise of 0.5 %."""
+    z = 7 * EVEN + 3 * play_history(EVEN, (0.3,))[:, 0] + 20 * NOISE[: EVEN.size]
+    findings = examine(Record.from_arrays(EVEN, z, sample_rate=RATE))
+    findings = dataclasses.replace(findings, loop_width_percent=6.0, hysteresis_percent=hysteresis)
+    found, good = judged(np.zeros(T.size))[0], HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95)
+    reasons = verdict(found, good, findings).reasons
+    assert any(reason.startswith("All strokes take about as long") for reason in reasons) == matters
+
+
 def test_a_way_that_hardly_has_rows_is_asked_about() -> None:
     """A raster with and without the rows of the ways back."""
     x = (T % 0.5) / 0.5
