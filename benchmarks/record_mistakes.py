@@ -159,6 +159,11 @@ def another(r: Record) -> Planted:
     return named(r.time, r.volts, np.concatenate([z[:half], z[half] + 0.75 * (z[half:] - z[half])])), {}
 
 
+def warming(r: Record) -> Planted:
+    """The gain grows by 20 % in the course of the record"""
+    return named(r.time, r.volts, r.displacement * np.linspace(1.0, 1.2, r.time.size)), {}
+
+
 def copied(r: Record) -> Planted:
     """One row in fifty written twice, without time stamps"""
     rows = np.sort(np.concatenate([np.arange(r.time.size), np.arange(25, r.time.size, 50)]))
@@ -238,6 +243,28 @@ def normalised(r: Record) -> Planted:
     return named(r.time, r.volts, (r.displacement - r.displacement.min()) / np.ptp(r.displacement)), {}
 
 
+def centred(r: Record) -> Planted:
+    """The means of both signals taken off"""
+    return named(r.time, r.volts - r.volts.mean(), r.displacement - r.displacement.mean()), {}
+
+
+def one_way(r: Record) -> Planted:
+    """Only rows in which the voltage rises, without time stamps"""
+    rises = np.flatnonzero(np.gradient(r.volts) > 0)
+    return {"volts (V)": r.volts[rises], "z (um)": r.displacement[rises]}, {"sample_rate": r.sample_rate}
+
+
+def share_of_volts(r: Record) -> Planted:
+    """Voltage over its span, labelled V"""
+    return named(r.time, (r.volts - r.volts.min()) / np.ptp(r.volts), r.displacement), {}
+
+
+def percent(r: Record) -> Planted:
+    """Both in % of their spans, and the headings say so"""
+    x, z = (100 * (a - a.min()) / np.ptp(a) for a in (r.volts, r.displacement))
+    return {"time (s)": r.time, "volts (%)": x, "z (%)": z}, {}
+
+
 def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
     return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
 
@@ -269,6 +296,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     coupled,
     lost,
     another,
+    warming,
     copied,
     counted,
     aliased,
@@ -282,6 +310,10 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     two_clocks,
     counts,
     normalised,
+    centred,
+    one_way,
+    share_of_volts,
+    percent,
 )
 
 

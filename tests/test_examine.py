@@ -110,6 +110,8 @@ def test_strokes_speeds_and_range() -> None:
     t = np.arange(6000) / RATE
     result = found(t, triangle(t), 10 * triangle(t) - 100.0)
     assert result.strokes == 12
+    assert result.stroke_durations_s == pytest.approx((0.5, 0.5), rel=1e-2)
+    assert result.seldom_way_percent == pytest.approx(50.0, abs=1.0)
     assert result.stroke_speeds_um_s == pytest.approx((72.0, 72.0), rel=1e-3)
     assert result.rates_um_s == pytest.approx((72.0, 72.0, 72.0), rel=1e-2)
     assert (result.gain_um_per_v, result.offset_um) == pytest.approx((10.0, -100.0))

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from truestroke import AdaptiveController, SettingError, run, trajectories
 from truestroke.identification import identify, load_model, save_model
 from truestroke.identification.fitting import normal
+from truestroke.identification.fitting.structure import _of_model
 from truestroke.model.models import RateDependentModel, play_inverse_literal
 from truestroke.model.operators import play
 from truestroke.plant import RealisticPlant
@@ -220,3 +222,14 @@ def test_model_file_comes_back_to_the_last_bit(stage, tmp_path):
     assert again.weights.tobytes() == model.weights.tobytes()
     assert again.covariance.tobytes() == model.covariance.tobytes()
     assert dict(again.metrics) == dict(model.metrics)
+
+
+def test_a_covariance_beside_branches_has_no_negative_variance():
+    """Rounding of a covariance of which the weights are known exactly where the branches are."""
+    ways = np.random.Generator(np.random.PCG64(2)).standard_normal((6, 3))
+    P = ways @ ways.T - 1e-9 * np.eye(6)
+    known = _of_model(P, SimpleNamespace(parameters=3, further=("a", "b", "c")))
+    assert np.linalg.eigvalsh(known).min() > -1e-15
+    wide = ways @ ways.T + np.eye(6)
+    expected = np.linalg.inv(np.linalg.inv(wide)[:3, :3])  # of a normal distribution, with the others as they are
+    np.testing.assert_allclose(_of_model(wide, SimpleNamespace(parameters=3, further=("a", "b", "c"))), expected)

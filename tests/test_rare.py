@@ -149,7 +149,7 @@ def test_converters_of_12_bits_that_repeat_both_values_where_the_voltage_turns_w
 
 
 def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> None:
-    """One channel loses rows; another actuator; and a sensor that is AC-coupled, at a tenth of the lowest tone."""
+    """One channel loses rows; another actuator; warmth; a sensor that is AC-coupled, at a tenth of the lowest tone."""
 
     x, z = good
 
@@ -162,6 +162,11 @@ def test_what_changes_within_a_record(good: tuple[FloatArray, FloatArray]) -> No
     assert "from about 1.484 s on the displacement is earlier by about 24 rows, 24 ms" in says(lost)
     softer = np.concatenate([z[:half], z[half] + 0.8 * (z[half:] - z[half])])
     assert "s on strokes have 79 % of the gain" in says(softer)
+    for share in (0.85, 1.2):
+        warm = says(z * np.linspace(1.0, share, T.size))
+        assert "of the gain of the beginning, and it changes steadily" in warm
+        assert float(warm.split("strokes have ")[1].split(" %")[0]) == pytest.approx(100 * share, abs=2)
+    assert "of the gain" not in says(z * np.linspace(1.0, 1.04, T.size))
     coupled = lfilter(*butter(1, 0.3, "high", fs=RATE), z - z[0])
     assert "by itself, with a time constant of about 0.532 s" in says(np.asarray(coupled))
 
@@ -177,6 +182,32 @@ def test_columns_that_are_not_what_they_are_taken_for(good: tuple[FloatArray, Fl
     (text,) = asked(written(tmp_path, x, 0.5 * z, "t (s),volts (V),z"))
     assert "stays within +-10 as the volts of a sensor do" in text
     assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
+
+
+def test_a_voltage_over_its_span(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    x, z = good
+    over = (x - x.min()) / np.ptp(x)
+    (text,) = asked(written(tmp_path, over, 0.1 * z))
+    assert "exactly from 0 to 1: is it normalised?" in text
+    assert asked(tmp_path / "a.csv", volts_scale=1.0) == ()
+    assert asked(written(tmp_path, 1.001 * over, 0.1 * z)) == asked(written(tmp_path, 100 * over, z)) == ()
+
+
+@pytest.mark.parametrize("digits", ["%.9g", "%.3f"])
+def test_means_that_were_taken_off_both_signals(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path, digits: str
+) -> None:
+    """Off the voltage alone nothing is seen, as many waves have a mean of 0; off the displacement nothing is lost."""
+    x, z = good
+    for volts, moved, seen in (
+        (x - x.mean(), z - z.mean(), True),
+        (x - x.mean(), z, False),
+        (x, z - z.mean(), False),
+        (x - x.mean(), z - z.mean() + 1e-4, False),
+    ):
+        table = np.column_stack([T, volts, moved])
+        np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t (s),volts (V),z (um)", comments="", fmt=digits)
+        assert [text.startswith("the means of") for text in asked(tmp_path / "a.csv")] == [True] * seen
 
 
 def test_stamps_that_count_rows_or_make_hours(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:

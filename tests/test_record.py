@@ -459,6 +459,25 @@ def test_an_angle_is_no_displacement_until_its_scale_is_stated(tmp_path: Path) -
     assert any("'z' is in mrad, and um are what the scale makes of it" in words for words in examine(record).warnings)
 
 
+def test_a_share_is_neither_displacement_nor_voltage_until_its_scale_is_stated(tmp_path: Path) -> None:
+    path = text(tmp_path / "r.csv", T, V, Z, head="t (s),V (%),z (percent)\n")
+    with pytest.raises(RecordError, match=r"'V' .%. is in %; .*`volts_scale`"):
+        read_record(path)
+    with pytest.raises(RecordError, match=r"'z' .percent. is in percent; .*`displacement_scale`"):
+        read_record(path, volts_scale=1.5)
+    np.testing.assert_allclose(read_record(path, volts_scale=1.5, displacement_scale=0.3).volts, 1.5 * V, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("off", "said"), [(1.0, False), (1.0004, False), (1.01, True)])
+def test_a_sample_rate_that_is_a_little_off_the_stamps_is_said(tmp_path: Path, off: float, said: bool) -> None:
+    path = text(tmp_path / "r.csv", T, V, Z, head="t (s),V (V),z (um)\n")
+    stamps = 1 / (T[1] - T[0])
+    record = read_record(path, sample_rate=off * stamps)
+    assert record.contradictions == ()
+    assert (f"not used, although they have {stamps:.6g} Hz" in record.unused) == said
+    assert any("although they have" in words for words in examine(record).warnings) == said
+
+
 def test_settings_that_contradict_are_refused(tmp_path: Path) -> None:
     path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
     with pytest.raises(SettingError, match="displacement_unit = 'V': must be one of um, nm, mm, m"):

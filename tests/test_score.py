@@ -67,6 +67,20 @@ def test_an_actuator_that_has_changed_is_no_matter_of_its_zero(model):
     assert "anew" in found.verdict.reasons[0]
 
 
+@pytest.mark.parametrize("gain", [0.1, 0.9, 1.3])
+def test_another_gain_is_a_reason_of_its_own(model, gain):
+    (said,) = (reason for reason in score(model, day(3, gain=gain)).verdict.reasons if "as far as predicted" in reason)
+    assert float(said.split("moves ")[1].split(" times")[0]) == pytest.approx(gain, rel=0.01)
+    assert "`displacement_scale`" in said
+
+
+def test_another_curve_is_no_other_gain(model):
+    volts, moved, fs = day(3)
+    found = score(model, (volts, moved + 3.0 * np.sin(volts / 10), fs))
+    assert found.verdict.is_bad
+    assert not any("as far as predicted" in reason for reason in found.verdict.reasons)
+
+
 def test_predict_invert_and_waveform_take_the_zero(model):
     volts, _, _ = day(4)
     moved = model.predict(volts, FS, offset=1.1)

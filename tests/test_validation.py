@@ -1,6 +1,7 @@
 """The verdict of an identified model: from errors that are known, of traces that are made of them."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_a_figure_of_a_model_with_branches_is_not_that_of_one_without() -> None:
     findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
     found, good = judged(np.zeros(T.size))[0], HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95)
     assert verdict(found, good, findings).level == "good"
-    said = verdict(found, good, findings, without_branches=True)
+    said = verdict(found, good, findings, part_branches=True)
     assert said.level == "doubtful"
     assert "with branches" in said.reasons[0]
 
@@ -164,6 +165,57 @@ def test_a_stroke_that_the_record_cuts_is_none_of_another_length() -> None:
     _, reasons, warnings = family(4 * foreign_records.up_and_down(T, 0.165), 5.0)
     assert any(reason.startswith("All strokes are about as long") for reason in reasons)
     assert any("all strokes are about as long" in words for words in warnings)
+
+
+ENDS = np.random.Generator(np.random.PCG64(4)).uniform(0.2, 2.0, 81) * (-1) ** np.arange(81)
+WAY = 0.5 - 0.5 * np.cos(np.pi * np.arange(250) / 250)  # of 0.25 s, whatever its length
+EVEN = np.concatenate([a + (b - a) * WAY for a, b in itertools.pairwise(ENDS)])
+
+
+@pytest.mark.parametrize(("x", "loop", "same"), [(X, 5.0, False), (EVEN, 5.0, True), (EVEN, 0.05, False)])
+def test_strokes_that_take_as_long_do_not_show_the_speed(x: np.ndarray, loop: float, same: bool) -> None:
+    """Ways between random voltages: the longer, the faster. A loop within the noise may be of any width."""
+    _, reasons, warnings = family(x, loop)
+    assert any("take about as long" in words for words in warnings) == (x is EVEN)
+    assert any(reason.startswith("All strokes take about as long (250 ms)") for reason in reasons) == same
+
+
+@pytest.mark.parametrize(("hysteresis", "matters"), [(-0.5, True), (0.5, True), (1.0, False), (4.0, True)])
+def test_a_delay_that_takes_the_loop_may_be_hysteresis(hysteresis: float, matters: bool) -> None:
+    """Of a loop of 6 %, beside noise of 0.5 %."""
+    z = 7 * EVEN + 3 * play_history(EVEN, (0.3,))[:, 0] + 20 * NOISE[: EVEN.size]
+    findings = examine(Record.from_arrays(EVEN, z, sample_rate=RATE))
+    findings = dataclasses.replace(findings, loop_width_percent=6.0, hysteresis_percent=hysteresis)
+    found, good = judged(np.zeros(T.size))[0], HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95)
+    reasons = verdict(found, good, findings).reasons
+    assert any(reason.startswith("All strokes take about as long") for reason in reasons) == matters
+
+
+def test_a_way_that_hardly_has_rows_is_asked_about() -> None:
+    """A raster with and without the rows of the ways back."""
+    x = (T % 0.5) / 0.5
+    x = 4 * np.where(x < 0.8, x / 0.8, (1 - x) / 0.2)
+    kept = np.gradient(x) > 0
+    for volts, seen in ((x, False), (x[kept], True)):
+        _, reasons, warnings = family(volts, 5.0)
+        for said in (reasons, warnings):
+            assert any("were the ways back left out?" in words for words in said) == seen
+
+
+def test_a_voltage_that_never_turns_shows_no_hysteresis() -> None:
+    level, reasons, _ = family(4 * np.minimum(np.maximum(T - 1.0, 0.0), 1.0), 5.0)
+    assert level == "bad"
+    assert reasons[0].startswith("The voltage never turns")
+    assert family(4 * np.abs(np.minimum(T / 10 - 1.0, 1.0)), 5.0)[0] == "doubtful"  # down and up
+
+
+def test_branches_beyond_the_loops_of_a_record_are_not_bounded() -> None:
+    """A loop that is three times as wide as twice the noise, and a third of it, by which plays err, is not."""
+    z = 7 * AM + 3 * play_history(AM, (0.3,))[:, 0] + 20 * NOISE
+    found, findings = judged(np.zeros(T.size))[0], examine(Record.from_arrays(AM, z, sample_rate=RATE))
+    good = HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95)
+    said = [verdict(found, good, findings, branches=branches).level for branches in (False, True)]
+    assert said == ["good", "doubtful"]
 
 
 @pytest.mark.parametrize("levels", [4, 15])

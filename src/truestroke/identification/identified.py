@@ -182,8 +182,8 @@ def identify(
     findings = examine(_examined(record, taken)) if findings is None else findings
     evidence = validation.evidence(trace, (taken.time[final.rows], residual), white[0], findings)
     found = response if known is None else None
-    other = part.model.branches is not None and final.model.branches is None
-    verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, other)
+    branched = part.model.branches is not None, final.model.branches is not None
+    verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)
     model = _documented(final, test, taken, verdict)
     return Identified(model, test, trace, residual, *white, tried, response, evidence, verdict)
 

@@ -24,6 +24,7 @@ HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
 LATEST = 0.5  # of the record: until then its start ends where the voltage has been at all voltages
 MISSED = 0.02  # of the stroke: an error of the start that is a reason
+SCALED = 0.5, 0.03  # of the rmse remains with another gain, at most; and by so much it differs, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,8 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
     measured = [slice(start, stop) for start, stop in runs(s.known).tolist()]
-    verdict = _verdict(model, numbers, noise(s.displacement, measured))
+    scaled = _scaled(predicted[judged], s.displacement[judged], numbers["rmse_um"])
+    verdict = _verdict(model, numbers, noise(s.displacement, measured), scaled)
     return Score(**numbers, estimated=offset is None, trace=trace, verdict=verdict)
 
 
@@ -155,7 +157,22 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: F
     return np.asarray(interval.COVERED * np.sqrt(motion + model.walk**2 * since))
 
 
-def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float) -> Verdict:
+def _scaled(predicted: FloatArray, measured: FloatArray, rmse: float) -> str:
+    """In words that another gain explains the error; empty where it does not."""
+    from_mean = predicted - predicted.mean()
+    square = float(from_mean @ from_mean)
+    gain = float(from_mean @ measured) / square if square > 0 else 0.0
+    left = float(np.std(measured - gain * predicted))
+    share, differs = SCALED
+    if gain <= 0 or left > share * rmse or abs(math.log(gain)) < differs:
+        return ""
+    return (
+        f"The displacement moves {gain:.3g} times as far as predicted, and {left:.3g} um of the error remain beside "
+        "that: is a unit or a scale wrong (`displacement_scale`, `volts_scale`), or is it another actuator or load?"
+    )
+
+
+def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, scaled: str) -> Verdict:
     """Bad where the model does not hold, doubtful where its interval does not, or its error is not that of the sensor.
 
     The last as `identify` has it: a model whose error on its own record is large is as little known on another one.
@@ -171,6 +188,7 @@ def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float) -> 
     if found["rmse_um"] > max(WORSE * model.noise, 0.02 * model.stroke):
         words = f"The rmse is {found['rmse_um']:.3g} um, that of the model's own record {model.noise:.3g} um: "
         said.append(("bad", words + "identify the actuator anew."))
+        said += [("bad", scaled)] if scaled else []
     elif found["rmse_um"] > NOISE * noise_um and found["rmse_percent"] > NEGLIGIBLE:
         over = found["rmse_um"] / noise_um if noise_um > 0 else math.inf
         error, times = sizes(found["rmse_um"], found["rmse_percent"], over, noise_um)

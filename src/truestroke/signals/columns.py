@@ -169,7 +169,8 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
     foreign = stated and stated not in wanted.units and (wanted.certain or is_unit(stated) or stated.lower() in OTHERS)
     if wanted.unit is None and foreign:
         reason = f"{wanted.role}: {_heading(table, index)} is in {stated}; {wanted.role} is in "
-        help_ = "; `displacement_scale` says how many um one of them is" if wanted.role == "displacement" else ""
+        scale = {"displacement": "um", "volts": "" if wanted.certain else "V"}.get(wanted.role)
+        help_ = f"; `{wanted.role}_scale` says how many {scale} one of them is" if scale else ""
         raise RecordError(source, reason + " or ".join(filter(None, wanted.units)) + help_)
     used = stated if wanted.unit is None else unit(wanted.unit)
     known = used in wanted.units

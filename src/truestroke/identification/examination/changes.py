@@ -26,6 +26,9 @@ SHOWS, SCATTERS = 0.03, 0.4  # of the gain: what two explain beyond all else, rm
 HATS = 5  # functions of the length of a stroke
 FREE = 5  # strokes more than numbers that are fitted to them
 BY_FEW = 45.0  # Fisher's F of the second gain: few strokes make 42 by chance, another actuator 52 and more
+STEADILY = -1  # in place of a stroke: the gain changes throughout
+RAMP_SURE, RAMP_SHOWS = 1.5, 0.012  # as `SURE` and `SHOWS`: a ramp has half the rms of a step
+OF_ITS_OWN = 0.5  # of the squares of a ramp: where strokes get longer, a ramp of the gain may be that of the length
 MIDDLE = 0.15, 0.85  # of the strokes: a change before or after is that of a start or an end
 PARTS = 8  # of the record, each with a delay of its own
 JUMP, JUMP_ROWS = 0.04, 4.0  # of a stroke, and rows
@@ -186,41 +189,63 @@ def _of_clocks(record: Record, fitted: _Fitted) -> Iterator[str]:
 
 
 def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
-    """The gain of strokes is another one from a stroke on, whatever length, place, direction and speed make of it.
-
-    Behind a lag a stroke that takes T ends short of its end by a share that falls with T.
-    """
+    """The gain of strokes changes steadily, or is another one from a stroke on."""
     first = turns[:-1][:: -(-(turns.size - 1) // STROKES)]
     last = turns[1:][:: -(-(turns.size - 1) // STROKES)]
     x, span = record.volts, float(np.ptp(record.volts))
-    way = x[last] - x[first]
-    length, place, side = np.abs(way) / span, (x[last] + x[first]) / 2 / span - float(x.mean()) / span, np.sign(way)
+    way, length = x[last] - x[first], np.abs(x[last] - x[first]) / span
     gain = (record.displacement[last] - record.displacement[first]) / way * length  # weighted with the length
-    quick = 1.0 / (last - first)
-    long = np.maximum(1 - np.abs((HATS - 1) * length[:, None] - np.arange(HATS)), 0.0)  # piecewise linear
-    shape = [long, place, place**2, side, side * length]
-    usual = np.column_stack([*shape, quick, quick**2]) * length[:, None]
-    alone, best = _squares(usual, gain)[0], (math.inf, 0, 0.0)
-    for k in np.unique(np.linspace(MIDDLE[0] * gain.size, MIDDLE[1] * gain.size, 20).astype(int)).tolist():
-        since = (np.arange(gain.size) >= k) * length
-        squares, c = _squares(np.column_stack([usual, since]), gain)
-        best = min(best, (squares, k, float(c[-1])))
-    squares, k, more = best
-    before, all_of_it = float(np.median((gain / length)[:k])), float(np.sum(length**2))
+    usual = _usual(record, first, last)
+    alone, (squares, k, more) = _squares(usual, gain)[0], _change(usual, gain, length)
+    gains, all_of_it = gain / length, float(np.sum(length**2))
+    before = float(np.median(gains) - more / 2 if k == STEADILY else np.median(gains[:k]))
     share, free = more / before, gain.size - usual.shape[1] - 1
-    shown = math.sqrt(max(alone - squares, 0.0) / all_of_it) > SHOWS * abs(before)  # beyond what lengths explain, too
-    if (
+    sure, least = (RAMP_SURE, RAMP_SHOWS) if k == STEADILY else (SURE, SHOWS)
+    shown = math.sqrt(max(alone - squares, 0.0) / all_of_it) > least * abs(before)  # beyond what lengths explain, too
+    if not (
         abs(share) > GAIN
-        and alone > SURE * squares
+        and alone > sure * squares
         and shown
         and free >= FREE
         and (alone - squares) * free > BY_FEW * squares
-        and (math.sqrt(squares / free * gain.size / all_of_it) < SCATTERS * abs(more))
+        and math.sqrt(squares / free * gain.size / all_of_it) < SCATTERS * abs(more)
     ):
+        return
+    if k == STEADILY:
         yield (
-            f"from about {_time(record, int(first[k])):.4g} s on strokes have {100 * (1 + share):.0f} % of the gain of "
-            "before: is it another actuator, load, or range of the sensor? Identify each part by itself"
+            f"in the end strokes have {100 * (1 + share):.0f} % of the gain of the beginning, and it changes steadily: "
+            "does the sensor, the amplifier or the actuator warm up? Record when it has"
         )
+        return
+    yield (
+        f"from about {_time(record, int(first[k])):.4g} s on strokes have {100 * (1 + share):.0f} % of the gain of "
+        "before: is it another actuator, load, or range of the sensor? Identify each part by itself"
+    )
+
+
+def _usual(record: Record, first: turning.Rows, last: turning.Rows) -> FloatArray:
+    """Columns of what length, place, direction and speed make of the gain of strokes, times their lengths.
+
+    Behind a lag a stroke that takes T ends short of its end by a share that falls with T.
+    """
+    x, span = record.volts, float(np.ptp(record.volts))
+    way = x[last] - x[first]
+    length, place, side = np.abs(way) / span, (x[last] + x[first]) / 2 / span - float(x.mean()) / span, np.sign(way)
+    quick = 1.0 / (last - first)
+    long = np.maximum(1 - np.abs((HATS - 1) * length[:, None] - np.arange(HATS)), 0.0)  # piecewise linear
+    return np.column_stack([long, place, place**2, side, side * length, quick, quick**2]) * length[:, None]
+
+
+def _change(usual: FloatArray, gain: FloatArray, length: FloatArray) -> tuple[float, int, float]:
+    """The change of the gain that explains most: squares beside it, from which stroke on or `STEADILY`, its size."""
+    middles = np.unique(np.linspace(MIDDLE[0] * gain.size, MIDDLE[1] * gain.size, 20).astype(int)).tolist()
+    ramp, best = np.linspace(0.0, 1.0, gain.size) * length, (math.inf, 0, 0.0)
+    own = _squares(usual, ramp)[0] > OF_ITS_OWN * _squares(length[:, None], ramp)[0]
+    for k in (STEADILY, *middles) if own else middles:
+        since = ramp if k == STEADILY else (np.arange(gain.size) >= k) * length
+        squares, c = _squares(np.column_stack([usual, since]), gain)
+        best = min(best, (squares, k, float(c[-1])))
+    return best
 
 
 def _squares(columns: FloatArray, y: FloatArray) -> tuple[float, FloatArray]:

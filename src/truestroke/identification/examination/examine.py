@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
-from truestroke.identification.examination.findings import ALONG, VISITED, Findings, count
+from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings, count
 from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
@@ -48,7 +48,7 @@ def examine(record: Record) -> Findings:
     cut = clipped(z, x, MOVES * span)
     level = _noise(record, cut)
     delay, lag = _delay(record, turns)
-    speeds, lengths = _strokes(record, turns, span)
+    speeds, lengths, durations = _strokes(record, turns, span)
     travel = float(np.abs(np.diff(x[turns])).sum())
     findings = Findings(
         source=record.source,
@@ -74,7 +74,9 @@ def examine(record: Record) -> Findings:
         strokes=turns.size - 1,
         stroke_speeds_um_s=speeds,
         stroke_lengths_percent=lengths,
+        stroke_durations_s=durations,
         stroke_places=_places(x[turns]),
+        seldom_way_percent=_seldom_way(x[turns], np.diff(turns)),
         volts_visited_percent=_visited(x),
         states_known_s=_states_known(record),
         clipped_displacement=int(cut.sum()),
@@ -181,16 +183,17 @@ def _rates(record: Record, noise: float) -> tuple[float, float, float]:
     return float(median), float(most), float(nearly_all)
 
 
-def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """5 and 95 % of speeds, um/s, and lengths, % of span, of the strokes, weighted by their time.
+def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, float], ...]:
+    """5 and 95 % of speeds, um/s, lengths, % of span, and durations, s, of the strokes, weighted by their time.
 
-    The first and the last one are parts of longer ones: without them the lengths, where that leaves some.
+    The first and the last one are parts of longer ones: without them lengths and durations, where that leaves some.
     """
     seconds = np.diff(record.time[turns])
     speeds = np.abs(np.diff(record.displacement[turns])) / seconds
     lengths = 100 * np.abs(np.diff(record.volts[turns])) / span
     whole = slice(1, -1) if seconds.size >= FEW_PARTS else slice(None)
-    return _weighted(speeds, seconds), _weighted(lengths[whole], seconds[whole])
+    of_whole = (_weighted(values[whole], seconds[whole]) for values in (lengths, seconds))
+    return _weighted(speeds, seconds), *of_whole
 
 
 def _places(turns: FloatArray) -> float | None:
@@ -206,6 +209,12 @@ def _places(turns: FloatArray) -> float | None:
     columns = np.vander(length, 3)
     off = middle - columns @ np.linalg.lstsq(columns, middle, rcond=1e-9)[0]
     return float(np.std(off) / np.sqrt(np.mean((1 - length) ** 2) / 12))
+
+
+def _seldom_way(turns: FloatArray, rows: Rows) -> float:
+    """Share of the rows of strokes up or down, whichever has fewer, %; of `turns` of the voltage, V, and their rows."""
+    up = int(rows[np.diff(turns) > 0].sum())
+    return float(100 * min(up, rows.sum() - up) / rows.sum())
 
 
 def _visited(x: FloatArray) -> float:
@@ -310,6 +319,9 @@ def _of_content(found: Findings) -> list[str]:
         if fast < 2 * slow:
             same = f"all strokes have about the same speed ({fast:.3g} um/s)"
             says.append(f"{same}: the record is not informative about rate dependence")
+        elif found.stroke_durations_s[1] < PACE * found.stroke_durations_s[0]:
+            same = f"all strokes take about as long ({found.stroke_durations_s[1]:.3g} s)"
+            says.append(f"{same}: speed is not distinguished from length, nor rate dependence from a wider hysteresis")
         short, long = found.stroke_lengths_percent
         if long < 1.5 * short:
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")

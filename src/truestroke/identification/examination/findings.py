@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 ALONG = 0.28  # of `Findings.stroke_places`: below, inner loops are of one family; random waves have 0.3 to 1.1
+PACE = 1.3  # of `Findings.stroke_durations_s`, the longest over the shortest: below, speed is that of the length
 VISITED = 50.0  # of `Findings.volts_visited_percent`: below, the voltage is at few levels; other motion has 70 to 100
 
 
@@ -55,9 +56,14 @@ class Findings:
         Mean speed of the displacement in a stroke: 5 and 95 % of the time is spent in slower ones.
     stroke_lengths_percent : tuple of float
         The same of their lengths, % of the voltage span.
+    stroke_durations_s : tuple of float
+        The same of the times that they take, s.
     stroke_places : float or None
         How far the middles of strokes of one length are apart, over how far the voltage span would let them be: 0 for a
         motion that grows or decays about one voltage, or always comes back to one end; 0.3 to 1 for random ones.
+    seldom_way_percent : float
+        Share of the rows in the strokes of one direction, of that with fewer rows, %: 50 for a triangle, 0 for lines of
+        a raster without the ways back.
     volts_visited_percent : float
         Share of twentieths of the voltage span in which more than a tenth as many rows are as of an even motion, %: 100
         for a triangle or a sine, 15 for steps between three levels.
@@ -98,7 +104,9 @@ class Findings:
     strokes: int
     stroke_speeds_um_s: tuple[float, float]
     stroke_lengths_percent: tuple[float, float]
+    stroke_durations_s: tuple[float, float]
     stroke_places: float | None
+    seldom_way_percent: float
     volts_visited_percent: float
     states_known_s: float
     clipped_displacement: int

@@ -17,7 +17,7 @@ from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import runs, to_and_fro
-from truestroke.signals.noise import noise
+from truestroke.signals.noise import noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay
@@ -42,10 +42,14 @@ BITS = range(10, 19)  # of a converter of 20 V
 ON_STEP, ON_STEPS = 0.1, 0.99  # of a step: a value on it, but for the digits of a text; and share of the values
 WHOLE = 100  # different values, all of them whole numbers
 NORMALISED = (0.0, 1.0), (0.0, 100.0), (-1.0, 1.0)  # which no sensor with noise hits at both ends
+OF_ONE = (0.0, 1.0)  # V: the same of a voltage; many go from 0 to 100 V, or from -1 to 1 V
 LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
 TO_AND_FRO = 8.0  # deviations of the noise: so far that of many rows goes to and fro
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
 CUT = 0.01  # of the rows
+ONE_WAY = 5.0  # % of the rows: few of one direction; a flyback takes 10, a triangle 50
+BY_CHANCE = 0.01  # of the deviation that noise alone makes of a mean: nearer to 0 no measured one is
+NO_MEAN = 1e-6  # of its span: the mean of a voltage of which it was taken off
 
 
 def implausible(record: Record, found: Findings) -> tuple[str, ...]:
@@ -66,6 +70,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
     units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
     of_signals = (
         *_of_sampling(record, found),
+        *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
         *_of_slew(record, found),
@@ -121,12 +126,29 @@ def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
 
 
 def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
-    """So few rows in a stroke that the motion is faster than they show."""
+    """So few rows in a stroke, or in those of one direction, that the motion is faster than they show."""
     rows = record.time.size / found.strokes
     if found.strokes >= 4 and rows < ALIASED:
         yield (
             f"a stroke has {rows:.2g} rows on average: is the motion faster than the samples show it (aliasing)? "
             "Sample ten times in a stroke, or move more slowly"
+        )
+    if found.strokes >= 4 and found.seldom_way_percent < ONE_WAY:
+        yield (
+            f"only {found.seldom_way_percent:.2g} % of the rows are on strokes of one direction, in which the model is "
+            "untested: were the ways back left out? Keep them"
+        )
+
+
+def _of_means(record: Record, found: Findings) -> Iterator[str]:
+    """Means that were taken off: nothing is lost of a displacement, but the zero of a voltage."""
+    x, z, few = record.volts, record.displacement, math.sqrt(record.volts.size)
+    digits = [3 * rounding(signal) / few for signal in (x, z)]
+    bare = abs(float(x.mean())) <= max(NO_MEAN * float(np.ptp(x)), digits[0])
+    if bare and abs(float(z.mean())) <= max(BY_CHANCE * found.noise_um / few, digits[1]):
+        yield (
+            "the means of voltage and displacement are 0 to the last digit: were they taken off (`detrend`)? The model "
+            "is then of voltages that nobody puts out. Keep both as they were measured"
         )
 
 
@@ -147,6 +169,11 @@ def _of_voltage_unit(record: Record) -> Iterator[str]:
         yield (
             f"the voltage has whole numbers of V only, from {record.volts.min():g} to {record.volts.max():g}: are they "
             "codes of a converter? State what 1 of it is (`volts_scale`)"
+        )
+    elif not volts.asked and volts.unit == "V" and (float(record.volts.min()), float(record.volts.max())) == OF_ONE:
+        yield (
+            "the voltage is exactly from 0 to 1: is it normalised? State the V of 1 of it (`volts_scale`; 1 if it is "
+            "in V)"
         )
 
 

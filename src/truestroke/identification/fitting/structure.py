@@ -75,7 +75,11 @@ def _of_model(P: FloatArray, s: Structure) -> FloatArray:
     if not s.further:
         return P[:m, :m]
     shared = P[:m, further:]
-    return np.asarray(P[:m, :m] - shared @ np.linalg.solve(P[further:, further:], shared.T))
+    known = P[:m, :m] - shared @ np.linalg.solve(P[further:, further:], shared.T)
+    values, vectors = np.linalg.eigh((known + known.T) / 2)
+    if values[0] >= 0.0:
+        return np.asarray(known)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)  # of a record that shows little, by rounding
 
 
 def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, float]:

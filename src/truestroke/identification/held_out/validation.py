@@ -11,7 +11,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
-from truestroke.identification.examination.findings import ALONG, VISITED, Findings
+from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
@@ -47,7 +47,8 @@ LATE_STATES = 0.4  # of the record, in which the voltage had not been at both en
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
 LINES = 10.0  # of the record's spectrum: a narrower mode decays less than 30 times in it, which hardly show its damping
 FEW_STROKES = 6
-OF_LOOP = 0.3  # of the mean width of the loop: errors on inner loops of which the record has none; seen: to this
+OF_LOOP = 0.3, 1.0  # of the mean width of the loop: errors on loops that the record has not, by plays; by branches
+LEFT = 0.1  # of that width without the delay: with less the two are not distinguished
 ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
 ROWS = 20_000  # of the held-out part at most, evenly taken
 KNOTS = 8  # of the functions of voltage and velocity
@@ -236,13 +237,14 @@ def verdict(
     findings: Findings,
     response: Response | None = None,
     dynamics: Dynamics | None = None,
-    without_branches: bool = False,
+    part_branches: bool = False,
+    branches: bool = False,
 ) -> Verdict:
     """Good, doubtful (usable) or bad (do not use it), with the reasons and the next measurement to make.
 
     Good is a model whose error on motion that it has not seen is at most twice the noise of the sensor, so that no
     other model has half of it, also by a black box, and white; of a record with strokes of several lengths.
-    `without_branches` says that the model of the first part has branches, and the one that is saved none.
+    `part_branches` says whether the model of the first part has branches, `branches` whether that which is saved has.
     """
     return Verdict.of([
         *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
@@ -251,8 +253,8 @@ def verdict(
         *(() if response is None else _of_dead_time(response, findings)),
         *(() if dynamics is None else _of_modes(dynamics, findings)),
         *_of_residual(found, held_out, findings),
-        *(_OF_ANOTHER if without_branches else ()),
-        *_of_excitation(findings),
+        *(_OF_ANOTHER if part_branches and not branches else ()),
+        *_of_excitation(findings, branches),
     ])  # fmt: skip
 
 
@@ -426,17 +428,28 @@ def _seconds(value: float) -> str:
     return f"{1e3 * value:.3g} ms" if value < 1 else f"{value:.3g} s"
 
 
-def _is_of_one_family(findings: Findings) -> bool:
-    """Whether inner loops at other voltages may be off by more than the noise, and the record has none."""
-    width = findings.loop_width_percent if findings.hysteresis_percent is None else findings.hysteresis_percent
-    matters = OF_LOOP * width * findings.stroke_um > 100 * NOISE * findings.noise_um
-    return matters and findings.stroke_places is not None and findings.stroke_places < ALONG
+def _matters(findings: Findings, branches: bool) -> bool:
+    """Whether loops of a kind that the record has not may be off by more than the noise: branches know no bounds.
+
+    A delay that leaves hardly any of the loop may be hysteresis.
+    """
+    loop, width = findings.loop_width_percent, findings.hysteresis_percent
+    if width is None or width < LEFT * loop:
+        width = loop
+    return OF_LOOP[branches] * width * findings.stroke_um > 100 * NOISE * findings.noise_um
 
 
-def _of_excitation(findings: Findings) -> Iterator[tuple[Level, str]]:
+def _of_excitation(findings: Findings, branches: bool) -> Iterator[tuple[Level, str]]:
     """What the record could not show, however small the error."""
     short, long = findings.stroke_lengths_percent
-    if findings.strokes < FEW_STROKES:
+    quick, slow = findings.stroke_durations_s
+    if findings.strokes < 2:
+        yield (
+            "bad",
+            "The voltage never turns: the hysteresis is the prior's, not that of this actuator. Record strokes up and "
+            f"down, at least {FEW_STROKES}.",
+        )
+    elif findings.strokes < FEW_STROKES:
         yield "doubtful", f"The record has {findings.strokes} strokes: record at least {FEW_STROKES}."
     elif long < ALIKE * short:
         yield (
@@ -444,11 +457,17 @@ def _of_excitation(findings: Findings) -> Iterator[tuple[Level, str]]:
             f"All strokes are about as long ({long:.0f} % of the span): for other motion the model is untested. Record "
             "strokes of many lengths, such as a random wave.",
         )
-    elif _is_of_one_family(findings):
+    elif _matters(findings, branches) and findings.stroke_places is not None and findings.stroke_places < ALONG:
         yield (
             "doubtful",
             "Strokes of one length are all at one voltage, as of a motion that grows, decays, or always comes back to "
             "one end: inner loops elsewhere are untested. Record a random wave.",
+        )
+    elif _matters(findings, branches) and slow < PACE * quick:
+        yield (
+            "doubtful",
+            f"All strokes take about as long ({_seconds(slow)}), so that long ones are fast: at other speeds the model "
+            "is untested. Record strokes of several speeds, such as a random wave.",
         )
     if findings.volts_visited_percent < VISITED:
         yield (

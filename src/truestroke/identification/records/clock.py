@@ -7,6 +7,7 @@ from truestroke.signals.columns import Column
 from truestroke.signals.tables import UNITS
 
 AGREE = 0.02  # relative: how far a nominal sample rate may be from that of the stamps
+SAME = 1e-3  # the same, that is not worth a word
 
 
 def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str, str]:
@@ -28,8 +29,9 @@ def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str
     counted = bool(np.all(steps == 1))
     rates = [1 / float(np.median(steps)), steps.size / float(known[-1] - known[0])]
     scales = [1.0] if column.stated else [1 / seconds for seconds in UNITS["time"].values()]
-    agree = any(abs(rate * scale / sample_rate - 1) <= AGREE for rate in rates for scale in scales)
-    if agree or counted:
-        return "", f"the time stamps of the file ({called}) are not used"
+    off = min((rate * scale / sample_rate - 1 for rate in rates for scale in scales), key=abs)
+    if abs(off) <= AGREE or counted:
+        which = "" if abs(off) <= SAME or counted else f", although they have {sample_rate * (1 + off):.6g} Hz"
+        return "", f"the time stamps of the file ({called}) are not used{which}"
     rate = f"{rates[0]:.6g} Hz"
     return f"the sample rate is given as {sample_rate:g} Hz, but the time stamps of the file ({called}) have {rate}", ""

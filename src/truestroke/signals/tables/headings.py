@@ -10,7 +10,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in V, um and s."""
 
-OTHERS = ("rad", "mrad", "urad", "nrad", "deg", "°", "arcsec", "arcmin", "pm", "å", "angstrom", "inch", "mil", "counts")
+OTHERS = (
+    *("rad", "mrad", "urad", "nrad", "deg", "°", "arcsec", "arcmin", "pm", "å", "angstrom", "cm", "inch", "mil"),
+    *("count", "counts", "lsb", "digit", "digits", "code", "codes", "px", "pixel", "pixels"),
+    *("%", "percent", "ppm", "db", "a.u.", "arb.", "arb. u.", "arb. units"),
+)
 """Further units, in lower case, that a column is not read in."""
 
 _SPELLINGS = {"V": ("v", "volt", "volts"), "um": ("micron", "microns"), "s": ("sec", "second", "seconds")}
