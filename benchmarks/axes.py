@@ -1,6 +1,6 @@
 """Cross-talk of two axes on 40 lines a second of 20 um: what it leaves, and what it was without being known.
 
-    python benchmarks/axes.py [--plants 10] [--wrong 3] [--anchor] [--steps]
+    python benchmarks/axes.py [--plants 10] [--first 0] [--given nothing] [--wrong 3] [--anchor] [--steps]
 
 Each row is a simulated stage of two axes; nm rms of the true error on the lines from 2 s on, of x (lines) and y
 (frame): without cross-talk, with it and axes that know each other, with it and axes that do not. With dynamics and the
@@ -133,14 +133,32 @@ def followed(given, seed: int, known: float | None, aware: bool, period: float |
     return found
 
 
+GIVEN = {"period": (True, 1 / LINES), "dynamics": (True, None), "nothing": (False, None)}
+"""Whether dynamics are given, and the period of the lines, s, by what is given beside the axes."""
+
+
+def alone(given: str, numbers: range, share: float) -> None:
+    """Rms of x and y with cross-talk, where this is given; then median, worst, and how many are above 10 nm."""
+    known, period = GIVEN[given]
+    rows = []
+    for number in numbers:
+        rows.append(errors(number, share if known else None, True, True, period))
+        rate = plant(number, True)[0].sample_rate
+        print(f"{number:4} {rows[-1][0]:8.1f} {rows[-1][1]:8.1f}   {rate:.0f} Hz", flush=True)
+    for name, one in zip("xy", np.transpose(rows), strict=True):
+        print(f"{name}: median {np.median(one):.1f}, worst {one.max():.1f}, above 10 nm {np.sum(one > 10.0)}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--plants", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    parser.add_argument("--given", choices=tuple(GIVEN), help="this alone, with cross-talk that is known to be there")
     parser.add_argument("--wrong", type=float, default=0.0, help="%% by which the resonances that are given are wrong")
     parser.add_argument("--anchor", action="store_true", help="1 and 3 %% at 2 kHz, nothing given, instead")
     parser.add_argument("--steps", action="store_true", help="the processor time of the learning instead")
     asked = parser.parse_args()
-    plants = asked.plants
+    numbers = range(asked.first, asked.first + asked.plants)
     if asked.steps:
         steps()
         return
@@ -148,14 +166,14 @@ def main() -> None:
         anchor()
         return
     share = 1 + asked.wrong / 100
-    for words, known, period in (
-        ("with dynamics and period", share, 1 / LINES),
-        ("with dynamics", share, None),
-        ("without", None, None),
-    ):
+    if asked.given:
+        alone(asked.given, numbers, share)
+        return
+    for words, (known, period) in GIVEN.items():
+        known = share if known else None
         print(words, "   alone x, y   known to each other   unknown")
         rows = []
-        for number in range(plants):
+        for number in numbers:
             row = [
                 *errors(number, known, False, True, period),
                 *errors(number, known, True, True, period),

@@ -2,6 +2,7 @@
 
     python -m benchmarks.scanning
     python -m benchmarks.scanning --between    # rates and rotations between the resonances: tables of decision 205
+    python -m benchmarks.scanning --sampled 40 [--first 100]    # stages and scans by chance: table of decision 236
 
 Each row changes one thing of the command: 512 x 512 pixels of 20 um at 40 rows a second and 5 kHz, a stage of plays at
 900 Hz and of Preisach at 700 Hz. Largest distortion and shift between trace and retrace, pixels; rms of x and y, nm.
@@ -92,6 +93,22 @@ def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, scanned=
     return found.largest, found.trace_retrace, 1e3 * x, 1e3 * y
 
 
+def sampled(number: int) -> dict[str, object]:
+    """A stage of 250 to 3000 Hz and a scan from its number; at least 4.5 samples in an oscillation."""
+    random = np.random.default_rng(number)
+    x = float(np.exp(random.uniform(np.log(250.0), np.log(3000.0))))
+    y, rate = x * float(random.uniform(0.6, 1.0)), float(random.choice([5e3, 10e3, 20e3, 50e3]))
+    while rate < 4.5 * x:
+        rate *= 2
+    damping = round(float(np.exp(random.uniform(np.log(0.003), np.log(0.08)))), 4)
+    kinds = tuple(str(kind) for kind in random.choice(KINDS, 2))
+    rows = float(random.choice([5, 10, 20, 25, 40, 50, 80, 100]))
+    width, share = float(random.choice([2.0, 5.0, 10.0, 20.0, 20.0])), float(random.choice([1.0, 5 / 3]))
+    made = {"resonances": (round(x), round(y)), "damping": damping, "kinds": kinds, "rows": rows, "width": width}
+    slow = min(rate, 2e4) if rows < 20 else rate
+    return made | {"rate": slow, "share": share, "noise": imaging.NOISE * width / 20.0, "seed": number}
+
+
 def between() -> None:
     """Largest distortion at rates that meet a resonance, with what else was possible, and at those between."""
     print(f"{'largest distortion, pixels':46} lead 4 s   lead 8 s       ramp    between")
@@ -127,11 +144,16 @@ def turned(made: MultiAxisSettings, rotation: float) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--between", action="store_true", help="rates between the resonances instead")
-    if parser.parse_args().between:
+    parser.add_argument("--sampled", type=int, metavar="N", help="so many stages and scans by chance instead")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of them")
+    asked = parser.parse_args()
+    if asked.between:
         between()
         return
     print(f"{'':46} largest  trace-retrace    x nm    y nm")
-    for words, given in cases():
+    numbers = range(asked.first, asked.first + (asked.sampled or 0))
+    drawn = ((f"{k}: {', '.join(str(one) for one in sampled(k).values())}", sampled(k)) for k in numbers)
+    for words, given in drawn if asked.sampled else cases():
         try:
             largest, shift, x, y = followed(**given)
         except SettingError as error:

@@ -22,6 +22,7 @@ from truestroke import (
     judge,
     run,
     save_page,
+    scans,
 )
 from truestroke.base import frames
 from truestroke.cli import main
@@ -703,6 +704,29 @@ def test_held_axes_keep_what_they_have_learned_of_a_period():
     assert len(learned.errors) == 2
     bends = np.abs(np.diff(volts[:, 0], 2))
     assert bends[11_990:12_260].max() < 1.01 * bends[11_000:11_990].max(), "no bump"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_sudden_steps_of_one_axis_do_not_shake_a_stiff_one(share):
+    """y of 2 kHz steps by a pixel in four ticks, after each row of x, on which Bouc-Wen has its largest error."""
+    x = StageSettings(resonances=(2144.0,), dampings=(0.0071,), hysteresis_kind="bouc-wen", noise=0.001)
+    y = StageSettings(resonances=(2020.0,), dampings=(0.0071,), noise=0.001)
+    moves = {"turn": x.dynamics(), "settle": y.dynamics(), "over_scan": 0.01, "lead_in": 4, "offset": (14.5, 14.0)}
+    scan = scans.raster(width=20.0, height=0.625, lines=16, rate=5.0, sample_rate=RATE, **moves)
+    controller = MultiAxisController({"x": settings(x), "y": settings(y)})
+    plant = MultiAxisStage(MultiAxisSettings(axes=(x, y), coupling=[[0.0, share], [0.0, 0.0]]))
+    recording = run({"x": scan.x, "y": scan.y}, controller, plant)
+    error = (recording["true_x"] - recording["desired_x"])[scan.inside & (recording["time"] > 2.0)]
+    assert np.abs(error).max() < 0.05
+
+
+def test_the_prior_of_what_another_axis_does_is_scaled_by_the_stage():
+    """A drag of 5 % of another axis, and a lag of as much, are 0.05 / w0 at most; a softer stage keeps 50 us."""
+    lags = [settings(StageSettings(resonances=(f0,))).among(1) for f0 in (250.0, 900.0, 2144.0)]
+    deviations = [np.sqrt(np.diag(one.prior_covariance))[one.columns["coupling_lag"]].item() for one in lags]
+    assert deviations[0] == pytest.approx(5e-5)
+    assert deviations[1] / deviations[2] == pytest.approx(2144.0 / 900.0)
+    assert 0.05 < deviations[2] * 2 * np.pi * 2144.0 < 0.5
 
 
 def test_what_a_limit_takes_is_not_learned():

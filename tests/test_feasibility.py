@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from truestroke import ControllerSettings, Dynamics, Mode, SettingError, metrics
 from truestroke.cli import main
 from truestroke.control import feasibility
 from truestroke.control.baselines import ConstantGain
-from truestroke.plant import PlantSettings, RealisticPlant
+from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 from truestroke.signals.judgement import judge
 from truestroke.signals.trajectories import Trajectory, random_wave, raster, sine, staircase, triangle
 
@@ -194,3 +195,37 @@ def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypat
     )
     done = CliRunner().invoke(main, [*fast, "--frequency", "4", "--voltage-limits", "-0.6", "1.9"])
     assert done.stderr == ""  # the prior follows from the limits
+
+
+def on_a_stage(kind: str, offset: float) -> tuple[bool, int, float]:
+    """Whether something is told of a raster of 20 um at 0 to 10 V; then ticks at the limit, and largest error, um."""
+    limits, late = (0.0, 10.0), slice(6000, None)
+    wave = raster(frequency=20.0, peak_to_peak=20.0, offset=offset, duration=2.0, sample_rate=5000.0)
+    controller = truestroke.AdaptiveController(sample_rate=5000.0, stroke=30.0, voltage_limits=limits)
+    plant = StagePlant(StageSettings(sample_rate=5000.0, voltage_limits=limits, hysteresis_kind=kind))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        recording = truestroke.run(wave, controller, plant)
+    error = np.abs(recording["true"] - recording["desired"])[late]
+    return bool(told), int(np.sum(recording["volts"][late] <= 0.0)), float(error.max())
+
+
+@pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
+def test_a_motion_that_hysteresis_keeps_above_its_lowest_voltage_is_told_of(kind: str) -> None:
+    told, held, error = on_a_stage(kind, 10.0)
+    assert held > 100
+    assert error > 0.3
+    assert told
+    told, held, in_the_middle = on_a_stage(kind, 15.0)
+    assert (told, held) == (False, 0)
+    assert in_the_middle < 0.1 * error
+
+
+def test_what_is_told_of_a_lowest_voltage_names_how_far_up() -> None:
+    settings = ControllerSettings(sample_rate=5000.0, stroke=30.0, voltage_limits=(0.0, 10.0))
+    wave = raster(frequency=20.0, peak_to_peak=20.0, duration=2.0, sample_rate=5000.0)
+    (notice,) = feasibility.notices(feasibility.demands(wave, settings), settings)
+    assert "voltage_limits = 0 to 10 V may hold the motion back where it comes back to its lowest position" in notice
+    up = float(notice.rsplit("move it up by ", 1)[1].removesuffix(" um"))
+    higher = raster(frequency=20.0, peak_to_peak=20.0, offset=10.0 + 1.5 * up, duration=2.0, sample_rate=5000.0)
+    assert feasibility.notices(feasibility.demands(higher, settings), settings) == ()

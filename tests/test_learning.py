@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.report.learning import page as learning_page
 from truestroke.report.learning import rows as learning_rows
+from truestroke.runtime import learning as learning_module
 from truestroke.runtime.drivers import SimulatedDriver
 
 FS, LIMITS = 10_000.0, (-0.6, 3.6)
@@ -639,8 +641,26 @@ def test_a_sensor_that_was_not_zeroed_is_subtracted():
     wave = trajectories.sine(frequency=50.0, peak_to_peak=10.0, duration=1.0, sample_rate=FS)
     limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
     found = truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), passes=4, **limits)
-    assert found.zero == pytest.approx(200.0, abs=3.0)
+    assert found.zero == pytest.approx(200.0, abs=0.1)
     assert found.best.rmse < 0.02
+    given = truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), passes=1, zero=190.0, **limits)
+    assert given.zero == 190.0
+    assert given.passes[0].error.mean() - found.passes[0].error.mean() == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize("limits", [(-0.6, 3.6), (0.0, 10.0), (-2.0, 12.0)], ids=str)
+def test_the_mean_of_the_first_pass_is_no_zero_of_the_sensor(limits):
+    """Hysteresis has the stage an eighth of its stroke above where a straight line has it: the motion is not there."""
+    middle = 15.0 * sum(limits) / (limits[1] - limits[0])
+    stage = StagePlant(StageSettings(voltage_limits=limits, hysteresis_kind="bouc-wen"))
+    wave = trajectories.sine(frequency=50.0, peak_to_peak=10.0, offset=middle, duration=1.0, sample_rate=FS)
+    about = {"voltage_limits": limits, "slew": 50_000.0, "stroke": 30.0, "averaged": 0.1}
+    found = truestroke.learn(stage, wave, dynamics=dynamics(700.0, 0.02), passes=6, **about)
+    assert found.passes[0].error.mean() > 0.09 * 30.0
+    stage.open()
+    stage.exchange(np.tile(found.best.volts, 40))
+    assert stage.truth[-found.learning.samples :].mean() == pytest.approx(middle, abs=0.1)
+    assert found.zero == 0.0
 
 
 def test_a_wrong_sign_stops_after_the_first_pass():
@@ -706,3 +726,51 @@ def test_a_motion_out_of_reach_is_refused_before_anything_moves(
     monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
     with pytest.raises(SettingError, match=r"motion = .* um: must be within -5 to 30 um, which voltage_limits"):
         truestroke.learn(stage, motion, sample_rate=10_000.0, voltage_limits=(-0.6, 3.6), slew=2e4, stroke=35.0)
+
+
+@pytest.mark.parametrize(("volts", "middle"), [((0.0, 10.0), 15.0), ((-5.0, 5.0), 0.0), ((-2.0, 8.0), 9.0)], ids=str)
+def test_a_motion_without_an_offset_is_in_the_middle_of_the_travel(tmp_path, monkeypatch, volts, middle):
+    monkeypatch.chdir(tmp_path)
+    Path("stage.toml").write_text(
+        '[driver]\nname = "simulated"\nsample_rate = 10000.0\nstage = {}\n'
+        f"[[axis]]\nstroke = 30.0\nvoltage_limits = {list(volts)}\nslew = 20000.0\n"
+    )
+    seen = []
+
+    def learned(driver, wave, **given):
+        seen.append(wave)
+        raise truestroke.DriverError("no hardware")
+
+    monkeypatch.setattr(truestroke, "learn", learned)
+    done = CliRunner().invoke(main, ["learn", "--config", "stage.toml"])
+    assert f"motion     {middle - 10.0:.4g} to {middle + 10.0:.4g} um" in done.output
+    period = seen[0].position[-200:]
+    assert (period.min(), period.max()) == pytest.approx((middle - 10.0, middle + 10.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["preisach", "bouc-wen"])
+def test_what_is_learned_in_the_middle_of_the_travel_meets_no_limit(kind):
+    """At 0 um a stage of 0 to 10 V has hysteresis below 0 V: there a tenth of the waveform is cut off."""
+    limits = {"voltage_limits": (0.0, 10.0), "slew": 50_000.0, "stroke": 30.0, "passes": 5, "averaged": 0.2}
+    known = Dynamics(sample_rate=FS, modes=(Mode(frequency=900.0, damping=0.02),))
+    verdicts = []
+    for middle in (15.0, 10.0):
+        stage = StagePlant(StageSettings(voltage_limits=(0.0, 10.0), hysteresis_kind=kind, resonances=(900.0,)))
+        wave = trajectories.raster(frequency=50.0, peak_to_peak=20.0, offset=middle, duration=1.04, sample_rate=FS)
+        verdicts.append(truestroke.learn(stage, wave, dynamics=known, **limits).verdict)
+    assert [verdict.level for verdict in verdicts] == ["good", "doubtful"]
+    assert any("lowest voltage" in reason for reason in verdicts[1].reasons)
+
+
+@pytest.mark.parametrize(
+    ("errors", "ends"),
+    [
+        ((780.0, 250.0, 12.7, 22.9, 15.7), False),  # 700 Hz, 12.5 um: the next pass has 4.5 nm
+        ((780.0, 250.0, 12.7, 22.9, 15.7, 14.0, 12.5), True),
+        ((780.0, 250.0, 5.0, 5.4, 5.2), True),
+        ((780.0, 250.0, 5.0, 5.4, 4.3), False),
+    ],
+)
+def test_far_from_the_noise_two_passes_that_are_no_improvement_do_not_end_it(errors, ends):
+    passes = tuple(SimpleNamespace(measured=np.ones(1), rmse=rmse, noise=4.2) for rmse in errors)
+    assert learning_module._idle(passes) == ends

@@ -27,6 +27,7 @@ from truestroke.plant import StagePlant, StageSettings
 from truestroke.runtime.realtime import config
 
 RATE, LIMITS = 2000.0, (-1.0, 4.0)
+GIVEN = {"sample_rate": RATE, "voltage_limits": LIMITS, "bandwidth": 250.0, "averaged": 0.1}
 
 
 class Bent:
@@ -46,8 +47,7 @@ def inside():
 
 
 def repetitive(period=0.05, **others):
-    given = {"sample_rate": RATE, "voltage_limits": LIMITS, "bandwidth": 250.0, "averaged": 0.1, **others}
-    return RepetitiveController(inside(), period, **given)
+    return RepetitiveController(inside(), period, **{**GIVEN, **others})
 
 
 def sine(frequency=20.0, amplitude=8.0, offset=12.0):
@@ -556,6 +556,34 @@ def test_a_command_that_is_refused_changes_nothing():
     assert controller.command(10.0, 0.0) == same.command(10.0, 0.0)
 
 
+@pytest.mark.parametrize("ticks", [100, 137.3])
+@pytest.mark.parametrize("wrong", [0.9, 1.03, 1.5])
+def test_a_run_with_another_period_is_refused_before_it_moves_and_told_its_own(ticks, wrong):
+    k = np.arange(4000)
+    wave = sum(np.sin(2 * np.pi * h * k / ticks + h * h) / h for h in (1, 2, 3))
+    z = 12.0 + np.clip(k / 500, 0.0, 1.0) * wave
+    motion = trajectories.Trajectory("wave", RATE, z, RATE * np.gradient(z), {})
+    controller, stage = (
+        RepetitiveController(inside(), wrong * ticks / RATE, **GIVEN),
+        StagePlant(StageSettings(sample_rate=RATE)),
+    )
+    with pytest.raises(SettingError, match="must be a period of the motion, here a") as refused:
+        truestroke.run(motion, controller, stage)
+    own = float(str(refused.value).rsplit(": ", 1)[1].removesuffix(" s"))
+    assert own * RATE == pytest.approx(ticks, rel=2e-4)
+    assert stage.truth.size == 0
+    fits = RepetitiveController(inside(), own, **GIVEN)
+    truestroke.run(motion, fits, stage)
+    assert fits.repeats
+
+
+def test_a_motion_that_repeats_nothing_is_told_so():
+    controller = RepetitiveController(inside(), 0.05, **GIVEN)
+    wave = trajectories.random_wave(cutoff=20.0, peak_to_peak=10.0, duration=2.0, sample_rate=RATE)
+    with pytest.raises(SettingError, match="it repeats none: leave it out"):
+        truestroke.run(wave, controller, StagePlant(StageSettings(sample_rate=RATE)))
+
+
 @pytest.mark.usefixtures("each_picture_once")
 def test_the_command_line_and_the_configuration_have_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -566,7 +594,9 @@ def test_the_command_line_and_the_configuration_have_it(tmp_path, monkeypatch):
     assert "period" in refused.output
     text = config.example().replace("# period = 0.05 ", "period = 0.05 ")
     Path("axis.toml").write_text(text)
-    with pytest.raises(SettingError, match=r"period = 0.05 s: must be a period of the motion, here a random wave: one"):
+    with pytest.raises(
+        SettingError, match=r"period = 0.05 s: must be a period of the motion, here a random wave: it repeats"
+    ):
         config.load("axis.toml")
     sine = text.replace('kind = "random_wave"', 'kind = "sine"').replace("cutoff = 20.0 ", "frequency = 20.0 ")
     Path("axis.toml").write_text(sine.replace("frequency = 20.0 ", "frequency = 23.0 "))

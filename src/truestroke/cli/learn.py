@@ -33,7 +33,7 @@ LONGEST = 10_000_000  # samples of a repetition
 @click.option("--passes", metavar="N", type=click.IntRange(1, 1000), default=8, help="At most.")
 @click.option("--frequency", metavar="HZ", type=float, default=50.0, help="Of the motion.")
 @click.option("--peak-to-peak", metavar="UM", type=float, default=20.0)
-@click.option("--offset", metavar="UM", type=float, help="Middle of the motion.  [default: half of the peak-to-peak]")
+@click.option("--offset", metavar="UM", type=float, help="Middle of the motion.  [default: that of the travel]")
 @click.option("--turn", metavar="SHARE", type=click.FloatRange(0.01, 0.99), help="Of the period of a raster that "
               "its turns take.  [default: 0.2]")  # fmt: skip
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.  [default: measured first]")
@@ -65,10 +65,15 @@ def learn(
     target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
     driver, limits, rate = _driven(config, options)
+    if options["offset"] is None:
+        options["offset"] = _middle(limits, options["peak_to_peak"])
     wave, given = _wave(motion, rate, options), {key: options[key] for key in ("passes", "bandwidth", "averaged")}
     given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
     given["model"] = options["model"] and truestroke.load_model(options["model"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
+    if not as_json:
+        middle, half = options["offset"], 0.5 * options["peak_to_peak"]
+        click.echo(f"motion     {middle - half:.4g} to {middle + half:.4g} um, with 0 um at 0 V")
     try:
         with shown as driver:
             found = _learned(driver, wave, limits | given, target, as_json)
@@ -85,12 +90,21 @@ def learn(
         common.print_json({**found.verdict.as_dict(), **learning.as_dict(found), **written})
         return ExitCode.of(found.verdict)
     common.print_verdict(found.verdict)
-    for name, note in (("note", found.spring), ("no model", why)):
-        if note:
-            common.print_text(f"{name}: {note}")
+    for note in learning.notes(found):
+        common.print_text(f"note: {note}")
+    if why:
+        common.print_text(f"no model: {why}")
     common.print_files(waveform=target, model=model, page=page_file, pictures=plots)
     common.print_simulated(config)
     return ExitCode.of(found.verdict)
+
+
+def _middle(limits: dict[str, Any], peak_to_peak: float) -> float:
+    """Of the travel, um, where limits hold neither end of a motion; of one from 0 um on where no stroke is known."""
+    low, high = limits["voltage_limits"]
+    if limits["stroke"] is None:
+        return 0.5 * peak_to_peak
+    return float(0.5 * (low + high) * limits["stroke"] / (high - low))
 
 
 def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Trajectory:
@@ -182,7 +196,7 @@ def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str
     for key in ("dynamics", "model"):
         inside = table.settings.get(key) if key == "dynamics" else table.model
         options[key] = options[key] or (config.parent / str(inside) if inside else None)
-    return driver, table.limits | {"stroke": table.stroke, "resonance": table.resonance}, rate
+    return driver, table.limits | {"stroke": table.stroke, "resonance": table.resonance, "zero": table.zero}, rate
 
 
 def _long(rate: float, options: dict[str, Any]) -> float:

@@ -37,7 +37,6 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
 
     Prints rmse and maximum error over the second half of the run; writes a recording and a page of pictures.
     """
-    from truestroke.control.repeating import repetition
     from truestroke.studies import tracking
 
     recording_file, page_file = common.outputs(output, ".h5", ".html")
@@ -50,7 +49,6 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
     controller = _controller(options, trajectory, {} if dynamics is None else {"dynamics": dynamics})
     if options["period"] is not None:
         controller = truestroke.RepetitiveController(controller, options["period"])
-        repetition.check_repeats(trajectory, options["period"])
     if len(trajectory) < results.SHORTEST:
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {results.SHORTEST}.")
     recording = _run(trajectory, controller, plant, recording_file)

@@ -21,6 +21,7 @@ from truestroke.model import prior
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.trajectories import Trajectory
 
+LOOP = 2.0  # times the hysteresis of the prior: as much as some stages have
 SPARE = 1.1  # a motion may be longer than the stroke by so much
 DOUBT = 2.0  # an actuator may move so many times further a volt than in the prior: a motion beyond even that is refused
 SLEW_SPARE = 2.0  # times what a motion needs: the default slew limit, where it is raised
@@ -78,6 +79,8 @@ class Demands:
         First resonance of the stage, Hz; 0 where it is not known.
     ringing : float
         What corners of the motion, where its velocity jumps, leave of a stage that is otherwise followed, um rms.
+    back : float
+        Voltage at its lowest position behind its highest one, V: with twice the loop of the prior, or that of a model.
     """
 
     reach: tuple[float, float]
@@ -89,6 +92,7 @@ class Demands:
     usual_slew: float
     resonance: float = 0.0
     ringing: float = 0.0
+    back: float = 0.0
 
 
 def gains(settings: ControllerSettings) -> tuple[float, float]:
@@ -108,6 +112,22 @@ def gains(settings: ControllerSettings) -> tuple[float, float]:
         first = max(first, prior.FIRST_SLOPE * settings.q)
         long_way = max(long_way, first + prior.HYSTERESIS * settings.q)
     return long_way, first
+
+
+def _way_back(settings: ControllerSettings, top: float, bottom: float) -> float:
+    """Voltage where an actuator comes back from one position to a lower one, um.
+
+    Of a loop each half has the form of the first rise, twice as large (Madelung). One that is not identified has `LOOP`
+    times the loop expected.
+    """
+    weights = np.array(settings.initial_weights)
+    slopes = np.cumsum(weights[settings.a] * sum(settings.dead_zone_weights))
+    weights[settings.columns["lag"]] = 0.0
+    loop = 1.0 if weights[settings.columns["creep"].start :].any() else LOOP
+    volts = np.append(settings.thresholds, 1e3 * (settings.voltage_limits[1] - settings.voltage_limits[0]))
+    z = np.append(0.0, np.cumsum(slopes * np.diff(volts)))
+    rise, back = np.interp([max(bottom, 0.0), (top - bottom) / 2], z, volts)
+    return float(rise - loop * (rise + 2 * back - np.interp(top, z, volts)))
 
 
 def reach(trajectory: Trajectory | Pursued) -> tuple[float, float]:
@@ -172,7 +192,13 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings, mode
         usual_slew=usual_speed / first,
     )
     mode = first_mode(settings) if mode is None else mode
-    if mode is None or not isinstance(trajectory, Trajectory):
+    if not isinstance(trajectory, Trajectory):
+        return needs
+    z = trajectory.position
+    top = int(z.argmax())
+    if settings.law == "kalman" and z[top] > 0:
+        needs = replace(needs, back=_way_back(settings, float(z[top]), float(z[top:].min())))
+    if mode is None:
         return needs
     return _with_inertia(needs, trajectory, settings, mode)
 
@@ -292,6 +318,12 @@ def notices(
             f"{names['voltage_limits']} = {low:g} to {high:g} V will hold the motion back: it needs about "
             f"{needs.volts[0]:.3g} to {needs.volts[1]:.3g} V ({needs.reach[0]:.4g} to {needs.reach[1]:.4g} um at "
             f"{gains(settings)[0]:.3g} um/V)"
+        )
+    elif needs.back < min(low, 0.0):
+        found.append(
+            f"{names['voltage_limits']} = {low:g} to {high:g} V may hold the motion back where it comes back to its "
+            f"lowest position: hysteresis takes up to {needs.back:.2g} V there; move it up by "
+            f"{(min(low, 0.0) - needs.back) * gains(settings)[0]:.2g} um"
         )
     if needs.slew > limit:
         found.append(

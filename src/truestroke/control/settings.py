@@ -38,6 +38,7 @@ SMOOTHING_KNOWN = 0.5  # periods of the first resonance of `dynamics`
 FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where the stage is known
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
 RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
+COUPLING_SHARES = 0.2, 4.0  # of 1 / w0 and 1 / w0^2: what velocity and acceleration of another axis do, one deviation
 SLEW = 120.0  # voltage ranges a second
 SLEW_OF_DYNAMICS = 6.0  # voltage ranges in a period of the first resonance of the dynamics,
 SLEW_OF_RESONANCE = 2.0  # and where `resonance` alone is known: twice what a sine of f0/3 over the whole travel needs
@@ -281,14 +282,18 @@ def default_covariance(s: ControllerSettings) -> FloatArray | None:
 
 
 def _terms(s: ControllerSettings) -> Mapping[str, Term]:
-    """The known terms: lag and inertia are in the dynamics, or in `resonance`, but for their errors."""
+    """The known terms: lag and inertia are in the dynamics, or in `resonance`, but for their errors.
+
+    What another axis does through velocity and acceleration is scaled by the stage that answers it, too.
+    """
     if s.dynamics is None and not s.resonance:
         return TERMS
-    if s.dynamics is None:
-        w = 2 * math.pi * s.resonance
-        return {**TERMS, "inertia": dataclasses.replace(TERMS["inertia"], mean=0.0, deviation=RESONANCE_SHARE / w**2)}
-    w = 2 * math.pi * s.dynamics.modes[0].frequency
-    errors = {"lag": LAG_SHARE / w, "inertia": INERTIA_SHARE / w**2}
+    w = 2 * math.pi * (s.resonance if s.dynamics is None else s.dynamics.modes[0].frequency)
+    errors = {"inertia": RESONANCE_SHARE / w**2}
+    if s.dynamics is not None:
+        errors = {"lag": LAG_SHARE / w, "inertia": INERTIA_SHARE / w**2}
+    taken = {"coupling_lag": COUPLING_SHARES[0] / w, "coupling_inertia": COUPLING_SHARES[1] / w**2}
+    errors |= {name: min(TERMS[name].deviation, deviation) for name, deviation in taken.items()}
     return {**TERMS, **{name: dataclasses.replace(TERMS[name], mean=0.0, deviation=d) for name, d in errors.items()}}
 
 
@@ -596,7 +601,8 @@ class ControllerSettings(Displayed, Layout):
         (('coupling 1', 'coupling_lag 1', 'coupling_inertia 1'), (0.0, 0.0, 0.0))
         """
         alone = self.parameters - 3 * self.other_axes
-        taken = [TERMS[name].deviation for name in ("coupling", "coupling_lag", "coupling_inertia")]
+        known = _terms(self)
+        taken = [known[name].deviation for name in ("coupling", "coupling_lag", "coupling_inertia")]
         deviations = np.repeat(taken, checks.count("other_axes", other_axes, 0, layout.MAX_OTHERS))
         P0 = np.diag(np.concatenate([np.zeros(alone), np.square(deviations)]))
         if self.law == "kalman":

@@ -60,6 +60,12 @@ def as_dict(found: Learned) -> dict[str, object]:
     }
 
 
+def notes(found: Learned) -> list[str]:
+    """Sentences on what was taken for granted: a stage that is a spring, a sensor that was not zeroed."""
+    zero = f"a zero of the sensor of {found.zero:.4g} um is subtracted (`zero`)."
+    return [note for note, holds in ((found.spring, True), (zero, found.zero != 0.0)) if note and holds]
+
+
 def page(found: Learned, command: str | None = None) -> Page:
     """The page of a series of passes; `command` is what repeats it."""
     made, best = found.learning, found.best
@@ -69,7 +75,7 @@ def page(found: Learned, command: str | None = None) -> Page:
         title=f"A motion of {span:.3g} um, learned in {len(found.passes)} passes",
         lead=f"Rmse {units.length(best.rmse)}, {100 * best.rmse / span:.2g} % of peak-to-peak, from "
         f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz."
-        + (f" Note: {found.spring}" if found.spring else ""),
+        + "".join(f" Note: {note}" for note in notes(found)),
         verdict=found.verdict,
         remark=WORDS[found.verdict.level],
         sections=[

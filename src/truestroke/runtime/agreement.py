@@ -10,6 +10,8 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.controller import Controller
+from truestroke.control.repeating.repetition import check_repeats
+from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.signals.timing import LONGEST_AGO, Timing
 from truestroke.signals.trajectories import Trajectory
 
@@ -34,7 +36,7 @@ class Motion(Protocol):
 
 
 def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) -> None:
-    """One sample rate everywhere, and measurements that a controller can still place; SettingError otherwise."""
+    """One sample rate, a period that the motion has, and measurements that can be placed; SettingError otherwise."""
     settings = getattr(controller, "settings", None)
     for whose, rate in (("actuator", timing.sample_rate), ("controller", getattr(settings, "sample_rate", None))):
         if rate is not None and rate != trajectory.sample_rate:
@@ -42,6 +44,8 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
                 "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
             )
     checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, LONGEST_AGO)
+    if isinstance(controller, RepetitiveController) and isinstance(trajectory, Trajectory):
+        check_repeats(trajectory, controller.period)
 
 
 def count_latency(controller: Any, timing: Timing) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, TypeGuard, cast
+from typing import Any, Literal, TypeGuard, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from truestroke.runtime.drivers.one_axis import OneAxis
 from truestroke.runtime.drivers.playback import RAMP, playback, ramp
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.loop import Actuator
+from truestroke.runtime.realtime.axis_check import zero_of
 from truestroke.signals.trajectories import Trajectory
 
 PASSES = 8
@@ -32,8 +33,9 @@ SETTLE = 0.3  # s of each pass before the periods that count: the start decays
 AVERAGED = 0.5  # s of periods that count, at least
 PERIODS = 2, 3  # of the motion, at least: before those that count, and those
 BEYOND = 1.0  # of the stroke: so far out of reach a motion may seem, where the stroke is twice what is stated
-UNZEROED = 0.1  # of the stroke: a mean this far off is that of a sensor that was not zeroed
-PATIENCE = 2  # passes in a row without an improvement, after which it ends
+LOOKS = 16, 0.05  # samples, s: so long at least the sensor is read at rest
+PATIENCE = 2, 4  # passes in a row without an improvement, after which it ends: near the noise, and far from it
+CLOSE = 1.5  # times the noise: an error that is near it
 GAP = 0.5  # s between them in the record of the model
 BETTER = 0.95  # times the rmse of the best pass before: an improvement
 
@@ -46,6 +48,7 @@ def learn(
     slew: float,
     safe_voltage: float = 0.0,
     stroke: float | None = None,
+    zero: float | Literal["measured"] | None = None,
     sample_rate: float | None = None,
     dynamics: Dynamics | None = None,
     resonance: float = 0.0,
@@ -78,6 +81,9 @@ def learn(
     stroke : float, optional
         Displacement over the whole of `voltage_limits`, um; within ten times, the first pass corrects it. By default
         that of the model.
+    zero : float, "measured" or None
+        What is subtracted from all measurements, um; "measured": so much that 0 um is at 0 V, by the sensor at rest at
+        the safe voltage; None: the same where it shows a tenth of the stroke or more beside what that voltage explains.
     sample_rate : float, optional
         Of an array, Hz.
     dynamics : Dynamics, optional
@@ -156,18 +162,18 @@ def learn(
             raise DynamicsError(f"the motion is too fast where {spring}") from error
         raise
     play = _player(driver, rate, limits)
+    subtracted = _zero(play, limits, rate, stroke, zero)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
-    found, seen = Learned(passes=(), learning=learning, spring=spring), False
+    found, seen = Learned(passes=(), learning=learning, spring=spring, zero=subtracted), False
     for number in range(most):
         doing(f"pass {number}")
         volts = np.tile(learning.volts, sum(periods))
         measured = play(volts)[periods[0] * learning.samples :]
-        zero = found.zero if seen else _zero(learning, measured, stroke)
         record = volts[periods[0] * learning.samples :], measured
-        made = learning.learn(measured - zero)
+        made = learning.learn(measured - subtracted)
         kept = (*found.records[:1], *found.records[1:][-1:])
         passes_so_far = (*found.passes, made)
-        found = dataclasses.replace(found, passes=passes_so_far, zero=zero, records=(*kept, record))
+        found = dataclasses.replace(found, passes=passes_so_far, records=(*kept, record))
         seen = seen or made.measured.size > 0
         if seen:
             report(found)
@@ -279,14 +285,31 @@ def _periods(learning: IterativeLearning, duration: float, least: int) -> int:
     return max(least if learning.periods < least else 1, math.ceil(duration * learning.sample_rate / learning.samples))
 
 
-def _zero(learning: IterativeLearning, measured: FloatArray, stroke: float) -> float:
-    """What a sensor that was not zeroed reads too much, um, by the mean of the first pass."""
+def _zero(
+    play: Callable[[FloatArray], FloatArray],
+    limits: Limits,
+    rate: float,
+    stroke: float,
+    given: float | Literal["measured"] | None,
+) -> float:
+    """What is subtracted of the sensor, um, by its reading at rest: as of an axis of `truestroke.run`."""
+    if isinstance(given, float):
+        return given
+    measured = play(np.full(max(LOOKS[0], round(LOOKS[1] * rate)), limits.safe_voltage))
     seen = measured[np.isfinite(measured)]
-    off = float(seen.mean() - learning.desired.mean()) if seen.size else 0.0
-    return off if abs(off) > UNZEROED * stroke else 0.0
+    if not seen.size:
+        return 0.0  # passes that are lost, too, will be reported
+    low, high = limits.voltage_limits
+    return zero_of(given, float(np.median(seen)), limits.safe_voltage * stroke / (high - low), stroke)
 
 
 def _idle(passes: tuple[Pass, ...]) -> bool:
-    """Whether the last passes were no improvement on those before."""
-    made = [one.rmse for one in passes if one.measured.size]
-    return len(made) > PATIENCE and min(made[-PATIENCE:]) > BETTER * min(made[:-PATIENCE])
+    """Whether the last passes were no improvement on those before.
+
+    Far from the noise two may be none, and show what the next one needs.
+    """
+    seen = [one for one in passes if one.measured.size]
+    made = [one.rmse for one in seen]
+    close = any(at_the_noise(one, CLOSE) for one in seen)
+    last = PATIENCE[0] if close else PATIENCE[1]
+    return len(made) > last and min(made[-last:]) > BETTER * min(made[:-last])

@@ -39,6 +39,7 @@ SHORTEST, LONGEST = 16, 8192  # ticks of a period
 REPEATED = 2  # periods that are alike before it is a repetition
 EXACT = 1e-6  # samples: a shift that is rounding
 LOOKED_AT = 200_000  # ticks of a motion, until it has to repeat
+TRIED = 3  # periods that it may have
 LARGEST = 1e50  # um: as in the kernel
 PER_TURN = 0.63661977236758134308  # 4 / (2 pi): a quarter of an angle in turns
 
@@ -636,15 +637,55 @@ def check_repeats(motion: Trajectory, period: float) -> int:
     """
     if not motion.sample_rate * period >= 1:
         return 0  # refused by what takes the period
-    repetition = kernel_repetition(RepetitionSettings(period=period * motion.sample_rate))
-    for tick, z_d in enumerate(motion.position[:LOOKED_AT].tolist()):
+    z = motion.position[:LOOKED_AT]
+    if (tick := _repeats_from(z, period * motion.sample_rate)) is not None:
+        return tick
+    frequency, own = motion.settings.get("frequency"), _period_of(z)
+    stated = motion.sample_rate / frequency if isinstance(frequency, float) and frequency > 0 else 0.0
+    if SHORTEST <= stated <= LONGEST and _repeats_from(z, stated) is not None:
+        own = stated
+    remedy = "it repeats none: leave it out" if own is None else f"{own / motion.sample_rate:.6g} s"
+    raise SettingError("period", period, f"a period of the motion, here a {motion.name}: {remedy}", "s")
+
+
+def _repeats_from(z: FloatArray, period: float) -> int | None:
+    """The tick from which on a motion, um, repeats with a period, ticks; None: nowhere."""
+    repetition = kernel_repetition(RepetitionSettings(period=period))
+    for tick, z_d in enumerate(z.tolist()):
         repetition.tick(z_d)
         if repetition.repeats:
             return tick
-    frequency = motion.settings.get("frequency")
-    own = (
-        f"{1 / frequency:.6g} s"
-        if isinstance(frequency, float) and frequency > 0
-        else "one that it has; or leave it out"
-    )
-    raise SettingError("period", period, f"a period of the motion, here a {motion.name}: {own}", "s")
+    return None
+
+
+def _period_of(motion: FloatArray) -> float | None:
+    """The shortest period that a motion, um, repeats behind its start, ticks; None: none of 16 to 8192."""
+    z = motion[motion.size // 3 :]
+    n, most = z.size, min(LONGEST, z.size // 2)
+    if most < 2 * SHORTEST or not np.ptp(z) > 0:
+        return None
+    x, lags = z - z.mean(), np.arange(most + 1)
+    with_itself = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2)[: most + 1]
+    squares = np.concatenate([[0.0], np.cumsum(x**2)])
+    apart = (squares[n - lags] + squares[n] - squares[lags] - 2 * with_itself) / (n - lags) / np.ptp(z) ** 2
+    left = np.flatnonzero(apart > LEFT**2)
+    begin = max(int(left[0]) if left.size else most, SHORTEST)
+    middle, before, after = apart[begin + 1 : -1], apart[begin:-2], apart[begin + 2 :]
+    near = begin + 1 + np.flatnonzero((middle <= before) & (middle < after) & (middle < LEFT**2))
+    for lag in near[:TRIED].tolist():
+        period = _finer(apart, lag)
+        if _repeats_from(motion, period) is not None:
+            return period
+    return None
+
+
+def _finer(apart: FloatArray, lag: int) -> float:
+    """A period of about so many ticks, from how far a motion is from itself after it, and after several of them."""
+    period = float(lag)
+    for times in range(1, (apart.size - 2) // (lag + 1) + 1):
+        at = round(times * period)
+        before, here, after = apart[at - 1 : at + 2].tolist()
+        if not here <= min(before, after) or not before + after > 2 * here:
+            break
+        period = (at + 0.5 * (before - after) / (before - 2 * here + after)) / times
+    return period

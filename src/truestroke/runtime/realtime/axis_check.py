@@ -6,6 +6,7 @@ times further a volt than expected stays within 5 % of the stroke, and then, wit
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -79,16 +80,26 @@ def examine(axes: Sequence[Axis], timing: Timing, move: Move, probing: bool) -> 
 
 def _zero(axis: Axis, rest: float, gain: float) -> float:
     """What to subtract, um: so that 0 um is at 0 V, where the sensor does not say that by itself."""
-    if isinstance(axis.zero, float):
-        return axis.zero
     settings = axis.known
     slope = gain if gain == gain or settings is None else feasibility.gains(settings)[1]
     here = axis.safe_voltage * (slope if slope == slope else 0.0)
-    if axis.zero is None:
-        low, high = sorted((CHORD[0] * here, CHORD[1] * here))
-        large = LARGE_OFFSET * settings.stroke if settings else np.inf
-        if low - large <= rest <= high + large:
-            return 0.0
+    return zero_of(axis.zero, rest, here, settings.stroke if settings else np.inf)
+
+
+def zero_of(given: float | Literal["measured"] | None, rest: float, here: float, stroke: float) -> float:
+    """What to subtract, um, where the sensor reads `rest` at a voltage under which the model has it `here`, um.
+
+    Examples
+    --------
+    >>> zero_of(None, 2.9, 0.0, 30.0), zero_of(None, 203.0, 0.0, 30.0), zero_of("measured", 2.9, 0.0, 30.0)
+    (0.0, 203.0, 2.9)
+    """
+    if isinstance(given, float):
+        return given
+    low, high = sorted((CHORD[0] * here, CHORD[1] * here))
+    large = LARGE_OFFSET * stroke
+    if given is None and low - large <= rest <= high + large:
+        return 0.0
     return rest - here
 
 
