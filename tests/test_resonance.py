@@ -479,12 +479,23 @@ def test_the_voltage_has_no_step_when_a_stage_is_found(seed: int, number: int, b
     assert np.abs(np.diff(volts, 2)).max() < before / 5 * np.ptp(volts)
 
 
+@pytest.mark.parametrize(("seed", "number", "before"), [(13, 166, 0.31), (14, 144, 0.33), (2, 166, 0.63)])
+def test_a_resonance_within_5_percent_is_soon_enough_in_the_model(seed: int, number: int, before: float) -> None:
+    """Rms of the second half, % of peak to peak; `before`, where it had to be within 2 %."""
+    recording = record(seed, number, "unknown")
+    error = recording["true"] - recording["desired"]
+    assert 100 * error[error.size // 2 :].std() < before / 1.5 * np.ptp(recording["desired"])
+
+
 def test_windows_that_walk_put_no_stage_into_the_model() -> None:
-    """A sine on 1358 Hz, whose windows rise from 648 to 1026 Hz: their mean of 884 Hz was taken, and 52 % were left."""
+    """A sine on 1358 Hz, whose windows rise from 648 to 1026 Hz: their mean of 884 Hz was taken, and 52 % were left.
+
+    15 % where one within 5 % is taken at first, 2 % where it has to be within 2 %.
+    """
     recording = record(4, 170, "unknown")
     later = recording["time"] >= 0.5
     error, span = (recording["true"] - recording["desired"])[later], np.ptp(recording["desired"][later])
-    assert 100 * np.max(np.abs(error)) < 5 * span
+    assert 100 * np.max(np.abs(error)) < 20 * span
 
 
 def test_a_stage_that_failed_takes_its_resonance_with_it_and_does_not_come_back() -> None:

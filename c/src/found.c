@@ -9,7 +9,8 @@
 #define FOUND_LAG ((ts_real)0.1)  /* and standard deviations of what lag and inertia of it miss, over 1 / w0 and 1 / w0^2 */
 #define FOUND_INERTIA ((ts_real)0.05)
 #define STIFF ((ts_real)0.12)     /* cycles per tick: from here on a tick of dead time is more than that lag */
-#define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that is put into the model */
+#define CERTAIN ((ts_real)0.02)   /* relative deviation of a resonance that takes the place of another one in the model, */
+#define CERTAIN_AT_FIRST ((ts_real)0.05) /* and of one where no stage was in the model, until one has failed */
 #define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
 #define FURTHER ((ts_real)0.15)   /* unless by so much */
 #define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
@@ -333,7 +334,8 @@ static bool matters(const ts_controller *c)
     bool assumed = c->found.known && is_assumed(c);
     bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c);
     if (bursts && !(r->driven > DRIVEN)) return false;
-    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > CERTAIN * CERTAIN && !assumed)) return false;
+    ts_real certain = c->stage.failed || dynamics_of(c)->known ? CERTAIN : CERTAIN_AT_FIRST;
+    if (!(ts_resonance_suffices(r) || bursts) || (r->variance > certain * certain && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;

@@ -16,7 +16,8 @@ FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
 FOUND_LAG, FOUND_INERTIA = 0.1, 0.05  # deviations of what its lag and inertia miss, over 1 / w0 and 1 / w0^2
 STIFF = 0.12  # cycles per tick: from here on a tick of dead time is more than that lag
-CERTAIN = 0.02  # relative deviation of a resonance that is put into the model
+CERTAIN = 0.02  # relative deviation of a resonance that takes the place of another one in the model,
+CERTAIN_AT_FIRST = 0.05  # and of one where no stage was in the model, until one has failed
 MOVED = 0.015  # of the resonance of the model: one that is known and differs by so much replaces it,
 FURTHER = 0.15  # unless by so much
 DOUBT = 0.01  # of the motion's range: an error that the dynamics of the settings should not leave
@@ -308,7 +309,8 @@ def matters(c: State) -> bool:
     bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)
     if bursts and not known.driven > DRIVEN:
         return False
-    if not (known.suffices or bursts) or (known.variance > CERTAIN * CERTAIN and not assumed):
+    certain = CERTAIN if stage.failed or c.path is not None else CERTAIN_AT_FIRST
+    if not (known.suffices or bursts) or (known.variance > certain * certain and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
         return False
