@@ -643,8 +643,10 @@ def test_a_sensor_that_was_not_zeroed_is_subtracted():
     found = truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), passes=4, **limits)
     assert found.zero == pytest.approx(200.0, abs=0.1)
     assert found.best.rmse < 0.02
-    given = truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), passes=1, zero=190.0, **limits)
+    given = truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), passes=1, zero=190, **limits)
     assert given.zero == 190.0
+    with pytest.raises(SettingError, match=r"^zero = 'first' um: must be \"measured\", or a number"):
+        truestroke.learn(Offset(), wave, dynamics=dynamics(700.0, 0.02), zero="first", **limits)
     assert given.passes[0].error.mean() - found.passes[0].error.mean() == pytest.approx(10.0, abs=0.1)
 
 

@@ -26,6 +26,7 @@ from truestroke.runtime.drivers.playback import RAMP, playback, ramp
 from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.loop import Actuator
 from truestroke.runtime.realtime.axis_check import zero_of
+from truestroke.runtime.realtime.settings import checked_zero
 from truestroke.signals.trajectories import Trajectory
 
 PASSES = 8
@@ -131,7 +132,7 @@ def learn(
     """
     limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
     low, high = limits.voltage_limits
-    most = checks.count("passes", passes, 1, 1000)
+    most, zero = checks.count("passes", passes, 1, 1000), checked_zero(zero)
     checks.able("driver", driver, ("open", "exchange"), "a driver or a simulated actuator; the order is driver, motion")
     if stroke is None and model is not None:
         stroke = model.stroke / (model.voltage_range[1] - model.voltage_range[0]) * (high - low)

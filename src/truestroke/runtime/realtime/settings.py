@@ -20,6 +20,15 @@ ENDINGS = ("", ".h5", ".hdf5")
 """Of a recording."""
 
 
+def checked_zero(zero: object) -> float | Literal["measured"] | None:
+    """What is to be subtracted from all measurements, um, "measured" or None; SettingError otherwise."""
+    if zero is None or zero == "measured":
+        return None if zero is None else "measured"
+    if isinstance(zero, str):
+        raise SettingError("zero", repr(zero), '"measured", or a number', "um")
+    return checks.number("zero", zero, "um")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
     """One axis: motion, controller, limits.
@@ -70,10 +79,7 @@ class Axis:
     def __post_init__(self) -> None:
         limits = Limits(voltage_limits=self.voltage_limits, slew=self.slew, safe_voltage=self.safe_voltage)
         object.__setattr__(self, "voltage_limits", limits.voltage_limits)
-        if self.zero is not None and self.zero != "measured":
-            if isinstance(self.zero, str):
-                raise SettingError("zero", repr(self.zero), '"measured", or a number', "um")
-            object.__setattr__(self, "zero", checks.number("zero", self.zero, "um"))
+        object.__setattr__(self, "zero", checked_zero(self.zero))
         if self.error_limit is not None:
             checks.positive("error_limit", self.error_limit, "um")
         if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
