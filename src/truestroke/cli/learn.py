@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
 LONGEST = 10_000_000  # samples of a repetition
+FIRST = "pass 0"  # what `truestroke.learn` does first of the motion
 
 
 @click.command()
@@ -71,9 +72,6 @@ def learn(
     given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
     given["model"] = options["model"] and truestroke.load_model(options["model"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
-    if not as_json:
-        middle, half = options["offset"], 0.5 * options["peak_to_peak"]
-        click.echo(f"motion     {middle - half:.4g} to {middle + half:.4g} um, with 0 um at 0 V")
     try:
         with shown as driver:
             found = _learned(driver, wave, limits | given, target, as_json)
@@ -123,7 +121,7 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
     from truestroke.runtime.realtime.watched import StoppedError
 
     best: list[Learned] = []
-    write = _reporter(target, as_json)
+    write, show = _reporter(target, as_json), common.activity(as_json)
 
     def kept() -> str:
         one = best[-1].best
@@ -135,8 +133,14 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
         if hasattr(driver, "expect"):  # shown on the live page
             _expect(driver, found, given)
 
+    def doing(what: str) -> None:
+        if what == FIRST and not as_json:
+            place = wave.position[len(wave) // 2 :]  # behind the way from 0 um
+            click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
+        show(what)
+
     try:
-        return truestroke.learn(driver, wave, **given, report=report, doing=common.activity(as_json))
+        return truestroke.learn(driver, wave, **given, report=report, doing=doing)
     except truestroke.TruestrokeError as error:
         if not best:
             raise
