@@ -268,3 +268,5 @@ def test_a_feedback_of_other_dynamics_that_is_unstable_is_refused() -> None:
     ):
         replace(settings, dynamics=soft)
     assert replace(settings, dynamics=soft, feedback=True).feedback == design(soft, stroke=20.0)
+    with pytest.raises(SettingError, match=r"^feedback = a Feedback of 7 filters: must be False without dynamics"):
+        replace(settings, dynamics=None)

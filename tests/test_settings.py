@@ -133,7 +133,7 @@ OTHERS = {
     "dynamics": STAGE,
     "sensor_delay": 2.5e-4,
     "hum": (50.0,),
-    "feedback": design(STAGE, stroke=30.0),
+    "feedback": design(STAGE, stroke=25.0),
     "plays": 23,
     "thresholds": tuple(np.linspace(0.0, 2.0, 26)),
     "rate_dependent": (0, 3, 6, 9, 13),
@@ -174,7 +174,7 @@ def other(settings: ControllerSettings, name: str) -> ControllerSettings:
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_controller_numpy_text_and_kernel_change_the_same_settings(name) -> None:
-    settings = ControllerSettings(**BENCH, dynamics=STAGE if name == "hum" else None)
+    settings = ControllerSettings(**BENCH, dynamics=STAGE if name in ("hum", "feedback") else None)
     changed = other(settings, name)
     controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     kernel = _kernel.Kernel(kernel_settings(settings))

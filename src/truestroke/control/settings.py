@@ -124,10 +124,15 @@ def _feedback(s: ControllerSettings, name: str, value: Any, unit: str) -> Feedba
     if value is True:
         return default_feedback(s)
     found = checks.instance(name, value, Feedback, "a Feedback of truestroke.control.feedback.design, True or False")
-    if found.filters and (found.sample_rate, found.latency) != (s.sample_rate, s.latency):
+    if not found.filters:
+        return _hears(s, found)
+    if (found.sample_rate, found.latency) != (s.sample_rate, s.latency):
         words = f"designed for {s.sample_rate:g} Hz and a latency of {s.latency} ticks, those of the controller"
         raise SettingError(name, f"a Feedback for {found.sample_rate:g} Hz and {found.latency} ticks", words)
-    if found.filters and s.dynamics is not None and not found.is_stable(s.dynamics):
+    if s.dynamics is None:
+        words = "False without dynamics, as its margins are those of the dynamics that it was designed from"
+        raise SettingError(name, f"a Feedback of {len(found.filters)} filters", words)
+    if not found.is_stable(s.dynamics):
         words = "stable with these dynamics, and it was designed for others; True designs one for these"
         raise SettingError(name, f"a Feedback of {len(found.filters)} filters", words)
     return _hears(s, found)
