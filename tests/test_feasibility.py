@@ -229,3 +229,40 @@ def test_what_is_told_of_a_lowest_voltage_names_how_far_up() -> None:
     up = float(notice.rsplit("move it up by ", 1)[1].removesuffix(" um"))
     higher = raster(frequency=20.0, peak_to_peak=20.0, offset=10.0 + 1.5 * up, duration=2.0, sample_rate=5000.0)
     assert feasibility.notices(feasibility.demands(higher, settings), settings) == ()
+
+
+def in_an_own_loop(controller: truestroke.AdaptiveController, position, velocity) -> list[str]:
+    """What is said while a linear actuator of 8 um/V follows."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for z_d, zdot_d in zip(position.tolist(), velocity.tolist(), strict=True):
+            controller.adapt(8.0 * controller.command(z_d, zdot_d))
+    return [str(one.message) for one in said if issubclass(one.category, truestroke.LimitWarning)]
+
+
+def test_a_loop_of_ones_own_is_said_once_that_the_default_slew_limit_holds_it_back() -> None:
+    bench = BENCH | {"sample_rate": 10_000.0}
+    fast, slow = (sine(frequency=f, peak_to_peak=20.0, duration=0.5, sample_rate=10_000.0) for f in (200.0, 50.0))
+    controller = truestroke.AdaptiveController(**bench)
+    said = in_an_own_loop(controller, fast.position, fast.velocity)
+    assert len(said) == 1
+    assert "slew_limit = 504 V/s, the default, holds the motion back" in said[0]
+    assert "twice the highest velocity over 8.21 um/V" in said[0]
+    enough = 2 * np.abs(fast.velocity).max() / 8.21
+    for given in ({"slew_limit": 504.5}, {"slew_limit": enough}, {"resonance": 700.0}):
+        assert in_an_own_loop(truestroke.AdaptiveController(**bench, **given), fast.position, fast.velocity) == []
+    assert in_an_own_loop(truestroke.AdaptiveController(**bench), slow.position, slow.velocity) == []
+    controller.change(slew_limit=enough)
+    held = controller.counters.slewed
+    assert in_an_own_loop(controller, fast.position, fast.velocity) == []
+    assert controller.counters.slewed < held + 100
+
+
+def test_jumps_short_moves_and_noise_are_no_motion_that_needs_another_slew_limit() -> None:
+    rng = np.random.Generator(np.random.PCG64(4))
+    noise = 15 + 5 * rng.standard_normal(5000)
+    moves = np.tile(np.concatenate([np.linspace(5, 15, 20), np.full(480, 15.0), np.full(500, 5.0)]), 4)
+    for position in (noise, np.repeat(noise[:500], 10), moves):
+        controller = truestroke.AdaptiveController(**BENCH)
+        assert in_an_own_loop(controller, position, 2000.0 * np.diff(position, prepend=position[0])) == []
+        assert controller.counters.slewed > 10

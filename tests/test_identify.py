@@ -58,8 +58,8 @@ def test_weights_are_recovered_and_the_rest_is_zero():
 @pytest.mark.parametrize(("noise", "colour"), [(0.005, 0.0), (0.05, 0.0), (0.05, 0.95), (0.2, 0.0)])
 def test_intervals_of_95_percent_cover_the_truth(noise, colour):
     inside = []
-    for seed in range(10):
-        model = identify(record(2000, seed, noise, colour), **KNOWN).model
+    for seed in range(7):
+        model = identify(record(1500, seed, noise, colour), **KNOWN).model
         inside += list(np.abs(model.weights[:4] - A) < 1.96 * model.deviations[:4])
     assert 0.85 <= np.mean(inside) <= 1.0
 

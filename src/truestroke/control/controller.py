@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import math
 import os
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
-from truestroke.control import stage
+from truestroke.control import feasibility, stage
 from truestroke.control.options import ChangeableOptions, SettingsOptions
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings, kernel_settings
 
@@ -246,8 +247,9 @@ class AdaptiveController(Displayed):
         kernel = _kernel.Kernel if settings.precision == "double" else _kernel32.Kernel
         with _as_setting(settings):
             self._kernel = kernel(kernel_settings(settings))
-        if type(self) is AdaptiveController:  # the kernel's own calls save a frame of Python, 35 ns, at each
-            vars(self).update(command=self._kernel.command, adapt=self._kernel.adapt)
+        self._motion = feasibility.UnknownMotion(settings)
+        if type(self) is AdaptiveController:  # the kernel's own call saves a frame of Python, 35 ns
+            vars(self).update(adapt=self._kernel.adapt)
 
     __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
@@ -306,8 +308,16 @@ class AdaptiveController(Displayed):
         ------
         SettingError
             An argument is no number, NaN or infinite; nothing has changed.
+
+        Warns
+        -----
+        LimitWarning
+            The default slew limit has held a motion back for 0.1 s: once, with what it needs.
         """
-        return self._kernel.command(z_d, zdot_d, zddot_d, strain_d, others)
+        volts = self._kernel.command(z_d, zdot_d, zddot_d, strain_d, others)
+        if abs(zdot_d) > self._motion.unhindered and (words := self._motion.held(z_d, zdot_d, self.flags)):
+            warnings.warn(words, feasibility.LimitWarning, stacklevel=2)
+        return volts
 
     def strain(self, position: npt.ArrayLike) -> FloatArray | None:
         """The displacement to ask of the hysteresis for a motion that is known ahead: `strain_d` of `command`.
@@ -454,6 +464,7 @@ class AdaptiveController(Displayed):
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))
         self.settings = changed
+        self._motion = feasibility.UnknownMotion(changed)
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """The complete state after a tick, as named arrays, for `restore`.

@@ -15,6 +15,7 @@ import numpy as np
 
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import shown_as_public
+from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
 from truestroke.control.settings import ControllerSettings, default_slew_limit
 from truestroke.model import prior
@@ -25,6 +26,7 @@ LOOP = 2.0  # times the hysteresis of the prior: as much as some stages have
 SPARE = 1.1  # a motion may be longer than the stroke by so much
 DOUBT = 2.0  # an actuator may move so many times further a volt than in the prior: a motion beyond even that is refused
 SLEW_SPARE = 2.0  # times what a motion needs: the default slew limit, where it is raised
+HELD = 0.1  # s: for so long the default limit has held a motion that nobody knew, when it is reported
 DAMPING = 0.02  # of a resonance whose damping nobody states
 SHARP = 0.003  # of the peak-to-peak: ringing of a stage that follows corners, from which on they are reported
 LONGEST = 1 << 17  # ticks at the end of a motion, of which its ringing is computed
@@ -40,7 +42,11 @@ NAMES: Mapping[str, str] = {
 
 @shown_as_public
 class LimitWarning(UserWarning):
-    """A limit of the controller will probably hold the motion back; `truestroke.run` gives it before it begins."""
+    """A limit of the controller will probably hold the motion back; `truestroke.run` gives it before it begins.
+
+    In a loop of one's own nobody knows the motion: there `AdaptiveController.command` gives it, once, when the default
+    slew limit has held the voltage back.
+    """
 
 
 class Pursued(Protocol):
@@ -383,6 +389,55 @@ def needed_slew(
     needs = demands(trajectory, settings, mode)
     raised = SLEW_SPARE * needs.slew
     return min(raised, most) if raised > default else None
+
+
+class UnknownMotion:
+    """Whether the default slew limit holds back a motion that nobody knows ahead, as in a loop of one's own.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+        Of the controller that follows it.
+
+    Attributes
+    ----------
+    unhindered : float
+        The velocity up to which the limit holds nothing back, um/s; infinite where a limit was chosen.
+
+    Examples
+    --------
+    >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    >>> round(UnknownMotion(s).unhindered), UnknownMotion(replace(s, slew_limit=100.0)).unhindered
+    (4140, inf)
+    """
+
+    def __init__(self, settings: ControllerSettings) -> None:
+        chosen = settings.slew_limit != default_slew_limit(settings)
+        self.unhindered = math.inf if chosen else settings.slew_limit * gains(settings)[1]
+        self._settings = settings
+        self._last = math.nan, math.nan
+        self._ticks = 0
+
+    def held(self, z_d: float, zdot_d: float, flags: Flags) -> str | None:
+        """One tick of a faster motion, um and um/s, and the flags of its command; once, what to say of the limit.
+
+        It counts where the motion is smooth, for `HELD` in all: a jump, noise or a short move needs no other limit.
+        """
+        s, (z, v), z_d, zdot_d = self._settings, self._last, float(z_d), float(zdot_d)
+        smooth = abs(zdot_d - v) < abs(zdot_d) / 2 and abs(s.sample_rate * (z_d - z) - zdot_d) < abs(zdot_d) / 2
+        self._last = z_d, zdot_d
+        if not smooth:
+            self._ticks = max(self._ticks - 1, 0)
+        elif flags.slewed and not flags.saturated:
+            self._ticks += 1
+        if self._ticks < HELD * s.sample_rate:
+            return None
+        self.unhindered, speed, gain = math.inf, abs(zdot_d), gains(s)[1]
+        return (
+            f"slew_limit = {s.slew_limit:.4g} V/s, the default, holds the motion back: {speed:.4g} um/s need about "
+            f"{speed / gain:.3g} V/s; give resonance=, f0 of the data sheet in Hz, or slew_limit=, twice the highest "
+            f"velocity over {gain:.3g} um/V"
+        )
 
 
 def raise_slew(trajectory: Trajectory | Pursued, controller: Any, most: float = math.inf) -> tuple[str, ...]:
