@@ -16,6 +16,7 @@ from scipy import signal
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control import resonance
 from truestroke.control.reference import ReferenceController
+from truestroke.control.reference.adapt import DRIVES
 from truestroke.control.reference.found import damping
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, shown, tangent
 from truestroke.control.stage import Stage, found
@@ -571,3 +572,33 @@ def test_a_run_that_was_restored_is_the_run() -> None:
             other.adapt(z)
     assert other.resonance == whole.resonance > 0
     assert whole.state()["found_dead"][0] > 1
+
+
+LATE = StageSettings(sample_rate=10_000.0, voltage_limits=(0.0, 10.0), hysteresis_kind="preisach", noise=0.03)
+KNOWN = {"sample_rate": 10_000.0, "stroke": 24.0, "voltage_limits": (0.0, 10.0), "slew_limit": 1e5}
+
+
+@pytest.mark.parametrize(
+    ("f0", "damping", "ticks", "share", "before"),
+    [(1500.0, 0.01, 3, 0.1, 459), (700.0, 0.005, 6, 0.1, 435)],
+)
+def test_a_loop_that_is_later_than_known_is_not_driven_by_its_damping(f0, damping, ticks, share, before) -> None:
+    """With f0 given; rms in % of peak to peak, that of before to the end."""
+    late = dataclasses.replace(LATE, resonances=(f0,), dampings=(damping,), dead_time=1e-4 * ticks)
+    wave = sine(frequency=share * f0, peak_to_peak=16.0, offset=12.0, duration=1.5, sample_rate=10_000.0)
+    recording = run(wave, AdaptiveController(**KNOWN, resonance=f0), StagePlant(late, seed=ticks))
+    rms = np.std((recording["true"] - recording["desired"])[-5000:]) / 0.16
+    assert rms < 1.0 < before
+
+
+@pytest.mark.parametrize(("f0", "ticks"), [(1500.0, 3), (700.0, 6)])
+def test_the_kernel_is_the_numpy_text_in_a_loop_that_is_late(f0: float, ticks: int) -> None:
+    """The damping ends; a stage in the model gets another dead time."""
+    late = dataclasses.replace(LATE, resonances=(f0,), dampings=(0.005,), dead_time=1e-4 * ticks)
+    wave = sine(frequency=0.3 * f0, peak_to_peak=16.0, offset=12.0, duration=0.4, ramp=0.1, sample_rate=10_000.0)
+    settings = ControllerSettings(**KNOWN, resonance=f0)
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    volts, of_text = (run(wave, controller, StagePlant(late, seed=1))["volts"] for controller in (kernel, text))
+    assert volts.tolist() == of_text.tolist()
+    assert kernel.state()["feedback_damping"][-1] == DRIVES
+    assert kernel.state()["found_dead"] > 1

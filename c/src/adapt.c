@@ -11,6 +11,9 @@
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
 #define LATER ((ts_real)1.2)       /* of the resonance that was found: a third pole of the law, where its weights drift */
 #define DAMPS_MOST ((ts_real)0.1) /* of the stroke: what the active damping adds to the command */
+#define LARGE_SWING ((ts_real)0.5) /* of that: so much to one side, and to the other one */
+#define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
+#define DRIVES 8                  /* and so many of them in a row drive the stage */
 
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
@@ -278,6 +281,23 @@ static ts_real pass_biquad(const ts_real *q, ts_real *x, ts_real error)
     return y;
 }
 
+/* One tick of the active damping, um. Where the loop is later than the model knows, it drives what it should damp, up to its limit: from
+ * then on there is none. What it does damp is smaller in each swing. */
+static ts_real damp_ringing(ts_controller *c, ts_real error)
+{
+    ts_feedback_state *b = &c->feedback;
+    ts_real most = DAMPS_MOST * c->settings->stroke, sum = pass_biquad(b->damping, b->damped, error), large = LARGE_SWING * most;
+    ts_real side = sum > large ? 1 : sum < -large ? -1 : 0;
+    if (b->swings >= DRIVES) return 0;
+    b->since += 1;
+    bool late = b->since * c->stage.resonance > HALF_WAVE, turns = side * b->side < 0;
+    if (late) b->swings = 0;
+    else if (turns) b->swings += 1;
+    if (turns || (size_of(side) > size_of(b->side))) b->since = 0;
+    if (size_of(side) > 0) b->side = side;
+    return within(sum, -most, most);
+}
+
 /* One tick of the feedback, for the command after it. Its margins are those of the stage that was given: one that was found is damped. */
 static void feed_back(ts_controller *c, ts_real error)
 {
@@ -285,8 +305,7 @@ static void feed_back(ts_controller *c, ts_real error)
     ts_feedback_state *b = &c->feedback;
     if (c->found.known) {
         memset(b->state, 0, sizeof b->state);
-        ts_real most = DAMPS_MOST * c->settings->stroke;
-        b->sum = within(pass_biquad(b->damping, b->damped, error), -most, most);
+        b->sum = damp_ringing(c, error);
         return;
     }
     if (f->filters && c->settings->oscillation.tick > 0 && pauses(c)) {

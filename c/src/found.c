@@ -22,6 +22,8 @@
 #define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
+#define TURNED ((ts_real)0.5)     /* radians: a stage in the model whose lag turns it by so much, */
+#define WHOLE ((ts_real)0.75)     /* and takes so many ticks, has another dead time */
 #define MOST_GAINED ((ts_real)5)  /* times their first gain: plays that have more, or less than a fifth, have learned from a wrong sensor */
 #define BURSTS ((ts_real)0.05)    /* of the motion's range: an error for which the stage is looked for in haste */
 #define LATE (2 * TS_MOST_DEAD)   /* ticks before a measurement: its stage knows no earlier strains */
@@ -142,6 +144,12 @@ static void doubt_learned(ts_controller *c, ts_real frequency)
     ts_kalman_renew(&c->law.kalman, learned, (int)(1 / frequency), c->parameters);
 }
 
+/* Ticks of dead time that the estimate shows, where so many are in the model. */
+static int shown_dead(const ts_resonance *r, int before)
+{
+    return (int)within((ts_real)before + r->lag + (ts_real)0.5, 0, TS_MOST_DEAD);
+}
+
 /* Whole ticks of dead time of a stage of this frequency, in place of so many `before`. Where the estimate knows that stage, and its
  * lag is not small beside a period, they are that lag. */
 static int dead_time(ts_controller *c, ts_real frequency, int before)
@@ -150,7 +158,7 @@ static int dead_time(ts_controller *c, ts_real frequency, int before)
     int dead = 1;
     if (r->windows > 0 && size_of(frequency / r->known - 1) < AGREES) {
         ts_real turns = size_of(r->lag) * 2 * TS_PI * frequency;
-        dead = turns > TURNS ? (int)within((ts_real)before + r->lag + (ts_real)0.5, 0, TS_MOST_DEAD) : before;
+        dead = turns > TURNS ? shown_dead(r, before) : before;
     }
     if (c->settings->dynamics.known) dead = c->settings->dynamics.dead;
     r->lag -= (ts_real)(dead - before);
@@ -325,7 +333,16 @@ static bool may_be_second(const ts_controller *c)
     return !(r->power > burst_of(c) && r->driven > DRIVEN);
 }
 
-/* Whether the stage is put into the model, or its resonance there replaced: the motion is fast enough that it matters, and the error
+/* Whether the stage that was found answers ticks later, or sooner, than in the model, which is then as wrong as with another resonance. */
+static bool is_late(const ts_controller *c)
+{
+    const ts_resonance *r = &c->resonance;
+    ts_real moved = r->known / c->stage.resonance - 1, lag = size_of(r->lag);
+    if (c->settings->dynamics.known || r->windows < 2 || !(moved * moved < FURTHER * FURTHER)) return false;
+    return lag > WHOLE && lag * 2 * TS_PI * r->known > TURNED && shown_dead(r, c->found.dead) != c->found.dead;
+}
+
+/* Whether the stage is put into the model, or its resonance or dead time there replaced: the motion is fast enough that it matters, and the error
  * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
 {
@@ -339,6 +356,7 @@ static bool matters(const ts_controller *c)
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
+        if (is_late(c)) return true;
         return moved * moved > MOVED * MOVED && (assumed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
     }
     if (is_given(c)) {

@@ -47,7 +47,7 @@ static inline bool finite_stage(const ts_controller *c)
 {
     const ts_dynamics_state *d = &c->dynamics;
     bool ok = isfinite(c->feedback.sum) && isfinite(c->feedback.alarms) && all_finite(&c->feedback.state[0][0], 2 * TS_FEEDBACKS);
-    ok = ok && all_finite(c->feedback.damping, 5) && all_finite(c->feedback.damped, 2);
+    ok = ok && all_finite(c->feedback.damping, 5) && all_finite(c->feedback.damped, 2) && all_finite(&c->feedback.side, 3);
     ok = ok && all_finite(c->sensor.before, c->parameters) && all_finite(c->sensor.lagged, c->parameters);
     for (int i = 0; i < TS_TAPS - 1; i++) ok &= all_finite(d->tap[i], c->parameters);
     for (int i = 0; i < 2 * TS_SECTIONS; i++) ok &= all_finite(d->rest[i / 2][i % 2], c->parameters);

@@ -185,7 +185,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_alarms", &c.feedback.alarms, 1);
     visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
-    visit("feedback_damping", &c.feedback.damping[0], 7);
+    visit("feedback_damping", &c.feedback.damping[0], 10);
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);
     visit("inertia", &g.inertia, 1);

@@ -23,6 +23,9 @@ RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
 RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
 LATER = 1.2  # of the resonance that was found: a third pole of the law, where its weights drift
 DAMPS_MOST = 0.1  # of the stroke: what the active damping adds to the command
+LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
+HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
+DRIVES = 8  # and so many of them in a row drive the stage
 
 
 def measure(c: State, z: float) -> bool:
@@ -117,6 +120,25 @@ def pass_biquad(coefficients: Sequence[float], x: list[float], error: float) -> 
     return y
 
 
+def damp_ringing(c: State, error: float) -> float:
+    """One tick of the active damping, um, before its limit.
+
+    Where the loop is later than the model knows, it drives what it should damp, up to its limit: from then on there is
+    none. What it does damp is smaller in each swing.
+    """
+    total, large = pass_biquad(c.damping, c.damped, error), LARGE_SWING * DAMPS_MOST * c.settings.stroke
+    side = int(total > large) - int(total < -large)
+    if c.swings >= DRIVES:
+        return 0.0
+    c.since_swing += 1
+    late, turns = c.since_swing * c.stage.resonance > HALF_WAVE, side * c.side < 0
+    c.swings = 0 if late else c.swings + turns
+    if turns or abs(side) > abs(c.side):
+        c.since_swing = 0
+    c.side = side or c.side
+    return total
+
+
 def feed_back(c: State, error: float) -> None:
     """One tick of the feedback, for the command after it; error: desired less measured, um.
 
@@ -125,7 +147,7 @@ def feed_back(c: State, error: float) -> None:
     total, tick, most = 0.0, c.oscillation.tick, c.members["feedback.most"]
     if c.stage.found:
         c.feedback_states = [[0.0, 0.0] for _ in c.feedback_states]
-        total, most = pass_biquad(c.damping, c.damped, error), DAMPS_MOST * c.settings.stroke
+        total, most = damp_ringing(c, error), DAMPS_MOST * c.settings.stroke
     elif c.members["feedback.filter"] and tick > 0 and pauses(c, tick):
         c.feedback_states = [[0.0, 0.0] for _ in c.feedback_states]
     else:

@@ -32,6 +32,8 @@ NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
+TURNED = 0.5  # radians: a stage in the model whose lag turns it by so much,
+WHOLE = 0.75  # and takes so many ticks, has another dead time
 MOST_GAINED = 5.0  # times their first gain: plays that have more, or less than a fifth, learn from a wrong sensor
 BURSTS = 0.05  # of the motion's range: an error for which the stage is looked for in haste
 LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier strains
@@ -211,6 +213,11 @@ def damping(frequency: float, ticks: int) -> list[float]:
     return [low + band, 2 * low, low - band, 2 * (square - 1) / whole, (1 - g * BROAD + square) / whole]
 
 
+def shown_dead(c: State, before: int) -> int:
+    """Ticks of dead time that the estimate shows, where so many are in the model."""
+    return int(min(max(before + c.estimator.lag + 0.5, 0), MOST_DEAD))
+
+
 def dead_time(c: State, frequency: float, before: int) -> int:
     """Whole ticks of dead time of a stage of this frequency, cycles per tick, so many were in use `before`.
 
@@ -219,7 +226,7 @@ def dead_time(c: State, frequency: float, before: int) -> int:
     known, dead = c.estimator, 1
     if known.windows > 0 and abs(frequency / known.known - 1) < AGREES:
         turns = abs(known.lag) * 2 * math.pi * frequency
-        dead = int(min(max(before + known.lag + 0.5, 0), MOST_DEAD)) if turns > TURNS else before
+        dead = shown_dead(c, before) if turns > TURNS else before
     if c.members["dynamics.known"]:
         dead = c.members["dynamics.dead"]
     known.lag -= dead - before
@@ -297,8 +304,20 @@ def may_be_second(c: State) -> bool:
     return not (known.power > burst_of(c) and known.driven > DRIVEN)
 
 
+def is_late(c: State) -> bool:
+    """Whether the stage that was found answers ticks later, or sooner, than in the model.
+
+    The model is then as wrong as with another resonance.
+    """
+    known, path = c.estimator, c.path
+    moved, lag = known.known / c.stage.resonance - 1, abs(known.lag)
+    if path is None or c.members["dynamics.known"] or known.windows < 2 or not moved * moved < FURTHER * FURTHER:
+        return False
+    return lag > WHOLE and lag * 2 * math.pi * known.known > TURNED and shown_dead(c, path.dead) != path.dead
+
+
 def matters(c: State) -> bool:
-    """Whether the stage is put into the model, or its resonance there replaced.
+    """Whether the stage is put into the model, or its resonance or dead time there replaced.
 
     The motion is then fast enough, and the error larger than noise; or it rings.
     """
@@ -316,6 +335,8 @@ def matters(c: State) -> bool:
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
+        if is_late(c):
+            return True
         far = moved * moved > MOVED * MOVED and (assumed or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:

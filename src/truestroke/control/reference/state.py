@@ -195,6 +195,7 @@ class State:
         self.alarms, self.paused = AT_FIRST, True  # sudden changes per second; nothing is learned yet
         self.feedback, self.feedback_states = 0.0, np.zeros((FEEDBACKS, 2)).tolist()  # um
         self.damping, self.damped = [0.0] * 5, [0.0, 0.0]  # filter that damps a stage that was found, its states, um
+        self.side = self.since_swing = self.swings = 0  # where it was large last, ticks since it turned there, swings
         self.bumpless = self.integral = self.innovation = 0.0  # um
         self.handed = 0.0  # um: learned, not yet in the command, but in the feedback, which hands it over
         self.z_before = self.predicted_before = 0.0  # um: the last new measurement, the model's value then
