@@ -185,9 +185,7 @@ def true_error(found: Identified, made: Case) -> tuple[float, bool]:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--noise", type=float, nargs="+", default=[0.3, 1.0], help="of the sensor, %% of the stroke"
-    )
+    parser.add_argument("--noise", type=float, nargs="+", default=[0.3, 1.0], help="of the sensor, %% of the stroke")
     parser.add_argument("--every", action="store_true")
     asked = parser.parse_args()
     rows = []
