@@ -180,7 +180,7 @@ def test_strokes_that_take_as_long_do_not_show_the_speed(x: np.ndarray, loop: fl
     assert any(reason.startswith("All strokes take about as long (250 ms)") for reason in reasons) == same
 
 
-@pytest.mark.parametrize(("hysteresis", "matters"), [(-0.5, True), (0.5, True), (1.0, False), (4.0, True)])
+@pytest.mark.parametrize(("hysteresis", "matters"), [(-0.5, True), (0.5, True), (1.0, True), (2.0, False), (4.0, True)])
 def test_a_delay_that_takes_the_loop_may_be_hysteresis(hysteresis: float, matters: bool) -> None:
     """Of a loop of 6 %, beside noise of 0.5 %."""
     z = 7 * EVEN + 3 * play_history(EVEN, (0.3,))[:, 0] + 20 * NOISE[: EVEN.size]

@@ -64,6 +64,7 @@ def identify(
     common.print_text(f"structure  chosen: {', '.join(chosen.parts)}, prior x {chosen.prior:g}")
     for warning in findings.warnings[len(findings.mistakes) + len(findings.implausible) :]:  # the verdict has those
         common.print_text(f"- {warning}")
+    common.print_text(f"tested     {identified.tested_range(found.model)}: beyond, the model extrapolates")
     common.print_verdict(found.verdict)
     common.print_files(model=target, page=page_file, pictures=plots)
     if not found.verdict.is_bad:

@@ -45,15 +45,18 @@ def score(
         pictures = common.save_page(made, page_file, plots)
     if as_json:
         metrics = {f.name: getattr(found, f.name) for f in dataclasses.fields(found)}
-        metrics = {name: value for name, value in metrics.items() if name not in ("trace", "verdict")}
+        metrics = {name: value for name, value in metrics.items() if name not in ("trace", "verdict", "beyond")}
         written = {"page": str(page_file), "pictures": pictures}
-        common.print_json({**found.verdict.as_dict(), **metrics, **written})
+        warnings = {"warnings": list(found.beyond.warnings)}
+        common.print_json({**found.verdict.as_dict(), **metrics, **written, **warnings})
         return ExitCode.of(found.verdict)
     common.print_table(("measured minus predicted", "um", "of p-p"), pages.rows(found))
     common.print_text(f"zero       {pages.offset(found)}")
     common.print_text(f"95 %       {pages.interval(found)}")
     for name, words in pages.voltage(found):
         common.print_text(f"{name:<11}{words}")
+    for warning in found.beyond.warnings:
+        common.print_text(f"- {warning}")
     common.print_verdict(found.verdict)
     common.print_files(page=page_file, pictures=plots)
     return ExitCode.of(found.verdict)

@@ -179,6 +179,7 @@ def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:
         "too_fast_um": made.too_fast,
         "beyond_voltage_V": made.beyond.voltage,
         "beyond_velocity_um_per_s": made.beyond.velocity,
+        "beyond_frequency_um": made.beyond.frequency,
     }
     return {
         "predicted_rmse_um": made.rmse,

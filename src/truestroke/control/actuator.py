@@ -16,7 +16,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
-from truestroke.control import interval, inverse, stage
+from truestroke.control import interval, inverse, stage, tested
 from truestroke.control.explored import Explored
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
@@ -72,6 +72,8 @@ class ActuatorModel(Displayed, Layout):
         Lowest and highest voltage of the record, V.
     velocity : float
         Fastest motion of the record, um/s.
+    tested_frequency : float
+        Up to which the record tests the response of the stage, Hz (`tested.frequency`); 0 is not known.
     dynamics : Dynamics or None
         Of the stage, where the record shows resonances. At sample rates that do not see them they are left out.
     weights : ndarray, shape (m,)
@@ -119,6 +121,7 @@ class ActuatorModel(Displayed, Layout):
     rate_scale: float = 0.0
     zero: float = 0.0
     velocity: float = 0.0
+    tested_frequency: float = 0.0
     noise: float = 0.0
     voltage_noise: float = 0.0
     walk: float = 0.0
@@ -157,6 +160,7 @@ class ActuatorModel(Displayed, Layout):
             "time_constant": checks.within("time_constant", self.time_constant, 0.0, 3600.0, "s"),
             "zero": checks.number("zero", self.zero, "um"),
             "velocity": checks.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
+            "tested_frequency": checks.within("tested_frequency", self.tested_frequency, 0.0, 1e12, "Hz"),
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
             "voltage_noise": checks.within("voltage_noise", self.voltage_noise, 0.0, 1e9, "V"),
             "walk": checks.within("walk", self.walk, 0.0, 1e9, "um/sqrt(s)"),
@@ -172,6 +176,7 @@ class ActuatorModel(Displayed, Layout):
             **{"stroke": "um", "voltage_range": "V", "velocity": "um/s", "zero": "um", "delay": "s"},
             **{
                 "time_constant": "s",
+                "tested_frequency": "Hz",
                 "noise": "um",
                 "voltage_noise": "V",
                 "walk": "um/sqrt(s)",
@@ -385,11 +390,14 @@ class ActuatorModel(Displayed, Layout):
 
         volts, sample_rate, offset and the errors as of `predict`.
         """
-        strain = self.strain(volts, sample_rate)
-        known = self.stage(float(sample_rate)) if strain.size else None
         zero = self.zero + checks.number("offset", offset, "um")
+        return zero + self._moved(self.strain(volts, sample_rate), float(sample_rate))
+
+    def _moved(self, strain: FloatArray, fs: float) -> FloatArray:
+        """What the stage, dead time and lag make of a strain, um above `zero`."""
+        known = self.stage(fs) if strain.size else None
         moved = strain if known is None else stage.through(known, strain)
-        return zero + respond(moved, self.delay * float(sample_rate), self.time_constant * float(sample_rate))
+        return respond(moved, self.delay * fs, self.time_constant * fs)
 
     def _at_the_actuator(self, volts: npt.ArrayLike, measured: bool | None) -> FloatArray:
         """The voltage, V, without the noise of its measurement; arguments as of `predict`."""
@@ -554,7 +562,8 @@ class ActuatorModel(Displayed, Layout):
         Returns
         -------
         Beyond
-            Spans above or below `voltage_range`, V, and spans where the prediction is faster than `velocity`, um/s.
+            Spans above or below `voltage_range`, V; spans where the prediction is faster than `velocity`, um/s; and
+            spans where it has motion above `tested_frequency`, um, more than twice the noise of the record.
 
         Examples
         --------
@@ -567,9 +576,15 @@ class ActuatorModel(Displayed, Layout):
         """
         x = self._at_the_actuator(volts, measured)
         low, high = self.voltage_range
-        speed = np.abs(central_difference(self.strain(x, sample_rate), sample_rate))
-        excess = np.maximum(x - high, low - x)
-        return Beyond(voltage=spans(excess, sample_rate), velocity=spans(speed - self.velocity, sample_rate))
+        strain, fs = self.strain(x, sample_rate), float(sample_rate)
+        speed = np.abs(central_difference(strain, fs))
+        above = tested.above(self._moved(strain, fs), fs, self.tested_frequency)
+        return Beyond(
+            voltage=spans(np.maximum(x - high, low - x), fs),
+            velocity=spans(speed - self.velocity, fs),
+            frequency=spans(above - tested.SEEN * self.noise, fs, above),
+            tested_frequency=self.tested_frequency,
+        )
 
     def replace(self, **changes: Any) -> ActuatorModel:
         """A copy with some members replaced."""

@@ -32,6 +32,7 @@ KEYS = {
     "zero_um": "zero",
     "voltage_range_V": "voltage_range",
     "velocity_um_per_s": "velocity",
+    "tested_frequency_Hz": "tested_frequency",
     "noise_um": "noise",
     "voltage_noise_V": "voltage_noise",
     "walk_um_per_root_s": "walk",
@@ -42,6 +43,7 @@ KEYS = {
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
 SINCE = {
     "time_constant_s": 0.0,
+    "tested_frequency_Hz": 0.0,
     "voltage_noise_V": 0.0,
     "walk_um_per_root_s": 0.0,
     "drift_um_per_s": 0.0,

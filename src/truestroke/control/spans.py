@@ -1,5 +1,6 @@
 """Spans of time in which a limit is exceeded, each with its largest excess."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,10 +37,27 @@ class Beyond:
         Outside of the range of the record, V.
     velocity : tuple[Span, ...]
         Faster than the record, um/s.
+    frequency : tuple[Span, ...]
+        Motion above `tested_frequency`, um: sharp turns, steps.
+    tested_frequency : float
+        Up to which the record tests the response of the stage, Hz; 0 is not known.
     """
 
     voltage: tuple[Span, ...]
     velocity: tuple[Span, ...]
+    frequency: tuple[Span, ...] = ()
+    tested_frequency: float = 0.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """In words, where there are any."""
+        turns = f"turns or steps with motion above {self.tested_frequency:.3g} Hz, where the record tests no response"
+        found = [
+            in_words("outside of the voltages of the record", self.voltage, "by at most", "V"),
+            in_words("faster than the record", self.velocity, "by at most", "um/s"),
+            in_words(turns, self.frequency, "of at most", "um"),
+        ]
+        return tuple(words for words in found if words)
 
 
 def spans(excess: FloatArray, sample_rate: float, worst: FloatArray | None = None) -> tuple[Span, ...]:
@@ -66,3 +84,16 @@ def spans(excess: FloatArray, sample_rate: float, worst: FloatArray | None = Non
     parts = np.split(at, np.flatnonzero(np.diff(at) > max(1.0, MERGED * sample_rate)) + 1)
     ends = ((part, float(part[0] / sample_rate), float((part[-1] + 1) / sample_rate)) for part in parts)
     return tuple(Span(start, stop, float(worst[part].max())) for part, start, stop in ends)
+
+
+def in_words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:
+    """What happens, how often, when first, and how far at the most; empty where it does not."""
+    if not found:
+        return ""
+    first, worst = found[0], max(found, key=lambda span: span.worst)
+    place = f"{worst.start:.3f} to {worst.stop:.3f} s"
+    amount = f"{how_far} {worst.worst:.3g} {unit}"
+    if len(found) == 1:
+        return f"{what}, once, {place}, {amount}"
+    total = sum(span.stop - span.start for span in found)
+    return f"{what}, {len(found)} times, first at {first.start:.3f} s, {total:.3g} s in all, {amount} ({place})"

@@ -11,7 +11,7 @@ from truestroke.base import checks, display, notebook
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
-from truestroke.control import interval
+from truestroke.control import interval, tested
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.examination.examine import examine
 from truestroke.identification.examination.findings import Findings
@@ -184,7 +184,8 @@ def identify(
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)
-    model = _documented(final, test, taken, verdict)
+    of_response = tested.frequency(of_model, fs, final.model.noise)
+    model = _documented(final, test, taken, verdict).replace(tested_frequency=of_response)
     return Identified(model, test, trace, residual, *white, tried, response, evidence, verdict)
 
 

@@ -14,6 +14,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control import actuator, interval
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.spans import Beyond
 from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.held_out.trace import Trace
 from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, sizes
@@ -50,6 +51,8 @@ class Score:
     start_rmse_um, start_maximum_um : float
         Errors of the start, such as a first step, which is not judged: the model takes the actuator to have rested.
         With the offset, um; NaN where none is known.
+    beyond : Beyond
+        Spans in which this record is beyond that of the model.
     trace : Trace
         The record beside the prediction, which has the offset; `held_out` are the samples that are judged.
     verdict : Verdict
@@ -66,6 +69,7 @@ class Score:
     half_width_um: float
     start_rmse_um: float
     start_maximum_um: float
+    beyond: Beyond
     trace: Trace
     verdict: Verdict
 
@@ -129,8 +133,9 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
     measured = [slice(start, stop) for start, stop in runs(s.known).tolist()]
     scaled = _scaled(predicted[judged], s.displacement[judged], numbers["rmse_um"])
-    verdict = _verdict(model, numbers, noise(s.displacement, measured), scaled)
-    return Score(**numbers, estimated=offset is None, trace=trace, verdict=verdict)
+    beyond = model.beyond(s.volts, s.sample_rate, measured=False)
+    verdict = _verdict(model, numbers, noise(s.displacement, measured), scaled, beyond)
+    return Score(**numbers, estimated=offset is None, beyond=beyond, trace=trace, verdict=verdict)
 
 
 def _start(x: FloatArray) -> int:
@@ -172,7 +177,7 @@ def _scaled(predicted: FloatArray, measured: FloatArray, rmse: float) -> str:
     )
 
 
-def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, scaled: str) -> Verdict:
+def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, scaled: str, beyond: Beyond) -> Verdict:
     """Bad where the model does not hold, doubtful where its interval does not, or its error is not that of the sensor.
 
     The last as `identify` has it: a model whose error on its own record is large is as little known on another one.
@@ -193,6 +198,9 @@ def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, sca
         over = found["rmse_um"] / noise_um if noise_um > 0 else math.inf
         error, times = sizes(found["rmse_um"], found["rmse_percent"], over, noise_um)
         said.append(("doubtful", f"The error is {error}: {times}. Use the model where that is small enough."))
+    if found["rmse_um"] > NOISE * max(noise_um, model.noise):
+        words = "The motion is beyond that of the record of the model"
+        said += [("doubtful", f"{words}: {warning}. Identify with this record, too.") for warning in beyond.warnings]
     if found["start_rmse_um"] > max(WORSE * found["rmse_um"], MISSED * model.stroke):
         words = f"The start is missed by {found['start_rmse_um']:.3g} um rms, by {found['start_maximum_um']:.3g} um at "
         said.append(("doubtful", words + "most: the actuator had moved before the record, or answers steps otherwise."))

@@ -2,7 +2,6 @@
 
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import actuator
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
-from truestroke.control.spans import Beyond, Span, spans
+from truestroke.control.spans import Beyond, Span, in_words, spans
 from truestroke.signals import metrics
 from truestroke.signals.channels import Sampled
 
@@ -85,10 +84,9 @@ class PredictedWaveform(Waveform):
     def warnings(self) -> tuple[str, ...]:
         """In words, where it cannot follow or extrapolates."""
         found = [
-            _words("out of reach: a voltage limit bounds it", self.out_of_reach, "off by at most", "um"),
-            _words("too fast: the slew limit bounds it", self.too_fast, "off by at most", "um"),
-            _words("outside of the voltages of the record", self.beyond.voltage, "by at most", "V"),
-            _words("faster than the record", self.beyond.velocity, "by at most", "um/s"),
+            in_words("out of reach: a voltage limit bounds it", self.out_of_reach, "off by at most", "um"),
+            in_words("too fast: the slew limit bounds it", self.too_fast, "off by at most", "um"),
+            *self.beyond.warnings,
         ]
         return tuple(words for words in found if words)
 
@@ -244,15 +242,3 @@ def _passes(path: Path, samples: int) -> Passes:
             raise tables.RecordError(str(path), f"pass {len(found) + 1} has a row without a finite number")
         found.append((x, z))
     return tuple(found)
-
-
-def _words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:
-    if not found:
-        return ""
-    first, worst = found[0], max(found, key=lambda span: span.worst)
-    place = f"{worst.start:.3f} to {worst.stop:.3f} s"
-    amount = f"{how_far} {worst.worst:.3g} {unit}"
-    if len(found) == 1:
-        return f"{what}, once, {place}, {amount}"
-    total = sum(span.stop - span.start for span in found)
-    return f"{what}, {len(found)} times, first at {first.start:.3f} s, {total:.3g} s in all, {amount} ({place})"

@@ -235,18 +235,22 @@ class Branches:
         s = self.scaled(np.concatenate([np.zeros(1), x]))
         ds = np.diff(s)
         sign = np.where(ds < 0, -1.0, 1.0)
-        gone = np.array(self.betas) / 2 * np.abs(ds)[:, None]  # of both states of each beta
-        gained = self.settles(s[1:], sign) - np.repeat(np.exp(-gone), 2, axis=1) * self.settles(s[:-1], sign)
+        gone = np.repeat(np.array(self.betas) / 2, 2) * np.abs(ds)[:, None]  # the two states of a beta alike
+        kept = np.exp(-gone)
+        gained = self.settles(s[1:], sign) - kept * self.settles(s[:-1], sign)
         out = np.empty((x.size, size))
         state = self.half * np.stack([s[0], 0.5 * s[0] ** 2])[None].repeat(len(self.betas), 0).ravel()
         swept = np.cumsum(gone.max(axis=1, initial=0.0))
-        start = 0
+        start, add, exp = 0, np.add.accumulate, np.exp
         while start < x.size:
-            done = swept[start - 1] if start else 0.0
-            stop = max(start + 1, int(np.searchsorted(swept, done + LIVE)))
-            grown = np.repeat(np.exp(np.cumsum(gone[start:stop], axis=0) - gone[start]), 2, axis=1)
-            alone = np.cumsum(gained[start:stop] * grown, axis=0)
-            out[start:stop] = (state * np.repeat(np.exp(-gone[start]), 2) + alone) / grown
+            stop = max(start + 1, int(swept.searchsorted((swept[start - 1] if start else 0.0) + LIVE)))
+            grown = add(gone[start:stop])
+            grown -= gone[start]
+            exp(grown, out=grown)
+            made = out[start:stop]
+            add(gained[start:stop] * grown, out=made)
+            made += state * kept[start]
+            made /= grown
             state, start = out[stop - 1], stop
         return out
 

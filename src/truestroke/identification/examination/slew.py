@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.model.operators import play_history
+from truestroke.identification.fitting.regression import plays
 
 ROWS, STROKES = 6000, 8.0  # of the fastest part that is looked at; where it would have fewer strokes, every few rows
 TOP = 99.5  # percentile of the voltage's speeds: the fastest
@@ -77,7 +77,8 @@ def limited(x: FloatArray, most: float) -> FloatArray:
     """
     now, made = float(x[0]), []
     for wanted in x.tolist():
-        now = min(max(wanted, now - most), now + most)
+        up, down = now + most, now - most
+        now = up if wanted > up else down if wanted < down else wanted
         made.append(now)
     return np.array(made)
 
@@ -85,7 +86,7 @@ def limited(x: FloatArray, most: float) -> FloatArray:
 def _left(x: FloatArray, z: FloatArray) -> float:
     """What a filter of x, plays and a parabola of it leave of z, rms."""
     first, span = LAGS[-1], float(np.ptp(x))
-    history = play_history(x - x[0], tuple(r * span for r in THRESHOLDS))[first:]
+    history = plays(x - x[0], tuple(r * span for r in THRESHOLDS))[first:]
     before = [x[first - lag : x.size - lag] for lag in LAGS]
     columns = np.column_stack([np.ones(x.size - first), *before, history, (x[first:] / span) ** 2])
     weights = np.linalg.lstsq(columns, z[first:], rcond=1e-8)[0]

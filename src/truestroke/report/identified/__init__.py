@@ -3,6 +3,6 @@
 >>> from truestroke.report.identified import model_page
 """
 
-from truestroke.report.identified.page import model_page
+from truestroke.report.identified.page import model_page, tested_range
 
-__all__ = ["model_page"]
+__all__ = ["model_page", "tested_range"]

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from truestroke.identification import Findings, Identified, Record, examine
+from truestroke.identification import ActuatorModel, Findings, Identified, Record, examine
 from truestroke.identification.fitting.select import Tried
-from truestroke.identification.held_out.validation import Evidence
 from truestroke.report import words
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
@@ -43,7 +42,7 @@ CHOSEN = (
     "most terms is taken: the prior holds the weights about which the record is hardly informative."
 )
 REMARKS = {
-    "good": "Use it within the voltages and speeds of its record.",
+    "good": "Use it where its record tests it.",
     "doubtful": "Usable, with these reasons in mind:",
     "bad": "Do not use it:",
 }
@@ -53,6 +52,13 @@ LINE = 0.8  # of the straight line's rmse: no gain worth a model
 
 
 # ---- In words ------------------------------------------------------------------------------------------------------
+
+
+def tested_range(model: ActuatorModel) -> str:
+    """Voltages, speed and frequency up to which the record of a model tests it."""
+    low, high = model.voltage_range
+    of = f" and {model.tested_frequency:.3g} Hz" if model.tested_frequency else ""
+    return f"{low:.4g} to {high:.4g} V, up to {model.velocity:.3g} um/s{of}"
 
 
 def percent(value: float) -> str:
@@ -186,7 +192,7 @@ def model_page(
     findings, view = findings or examine(record), View.of(found)
     sections = [
         Section(tables=[_errors(found, view, findings)]),
-        Section(heading="What the error contains", tables=[_evidence(found.evidence)]),
+        Section(heading="What the error contains", tables=[_evidence(found)]),
         _warnings([*findings.warnings, *notes(view, record)]),
         closer(plots.closer(view)),
         *captioned(CAPTIONS | {"spectrum": words.spectrum([plots.tested(view)], "in the part that was held out")}),
@@ -233,8 +239,9 @@ def _interval(found: Identified) -> str:
     return f"The 95 % interval of the prediction is {width} to either side (median) and holds {share}."
 
 
-def _evidence(found: Evidence) -> Table:
-    """By what the verdict is formed."""
+def _evidence(identified: Identified) -> Table:
+    """By what the verdict is formed, and where it holds."""
+    found = identified.evidence
     of_motion = {"range": found.range_beyond, "speed": found.speed_beyond, "length of strokes": found.strokes_beyond}
     beyond = ", ".join(f"{100 * share:.0f} % in {name}" for name, share in of_motion.items())
     shares = [(name, f"{100 * getattr(found, name):.0f} %") for name in ("voltage", "velocity", "history", "time")]
@@ -252,6 +259,7 @@ def _evidence(found: Evidence) -> Table:
             f"{length(abs(found.jump_um))} at {found.jump_s:.4g} s" if found.jump_um else "none",
         ),
         ("held-out motion beyond the fitted one", beyond),
+        ("the record tests the model from", tested_range(identified.model)),
     ]
     return Table(rows=rows, kind="words")
 
