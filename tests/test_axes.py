@@ -766,6 +766,8 @@ def test_a_repetition_that_does_not_fit_is_named():
         MultiAxisController({"x": settings(FAST), "y": settings(SLOW, False)}, period=0.025)
     with pytest.raises(SettingError, match=r"a whole number of ticks of 10000 Hz, not 244\.8.*such as 0\.0245 s"):
         pair(period=0.02448)
+    with pytest.raises(SettingError, match=r"not 250\.05: such as 0\.025 s"):  # the nearest, not the next
+        pair(period=0.025005)
     controller = pair(period=0.03)[0]
     with pytest.raises(
         SettingError, match=r"period = 0\.03 s: must be a period of the motion, here a raster: 0\.025 s"

@@ -742,7 +742,7 @@ def test_a_motion_without_an_offset_is_in_the_middle_of_the_travel(tmp_path, mon
 
     def learned(driver, wave, **given):
         seen.append(wave)
-        given["doing"]("pass 0")
+        given["begins"]()
         raise truestroke.DriverError("no hardware")
 
     monkeypatch.setattr(truestroke, "learn", learned)

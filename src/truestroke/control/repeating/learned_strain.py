@@ -60,7 +60,7 @@ def whole_ticks(argument: str, period: float, sample_rate: float) -> int:
     period = checks.within(argument, period, SHORTEST / sample_rate, LONGEST / sample_rate, "s")
     ticks = period * sample_rate
     if abs(ticks - round(ticks)) > PERIODIC:
-        near = math.ceil(ticks) / sample_rate
+        near = round(ticks) / sample_rate
         bound = f"a whole number of ticks of {sample_rate:g} Hz, not {ticks:.10g}: such as {near:.10g} s"
         raise SettingError(argument, period, bound, "s")
     return round(ticks)
