@@ -13,7 +13,7 @@ from truestroke.report import style, units
 from truestroke.report.style import Theme
 
 SMALL = 0.1  # nm/sqrt(Hz): the largest density that is shown in pm/sqrt(Hz)
-EDGES = {"left": 0.1, "right": 0.99, "bottom": 0.153, "top": 0.91, "wspace": 0.217}  # labels of six digits fit
+EDGES = {"left": 0.107, "right": 0.99, "bottom": 0.153, "top": 0.91, "wspace": 0.219}  # labels of six digits fit
 BINS = 81  # of a histogram: one in the middle is around 0
 
 
