@@ -681,6 +681,26 @@ def test_noise_shows_nothing_of_the_stage():
     assert np.abs(ratio).max() < 9.0, "no step"
 
 
+def test_a_ringing_that_goes_on_for_periods_is_no_part_of_what_repeats():
+    """Noise rings at 598 Hz, the sixth harmonic of 100 lines a second, for seven of them: neighbours are alike."""
+    rate, period, f0, damping = 5000.0, 50, 598.0, 0.0039
+    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
+    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
+    f = np.arange(period // 2 + 1) * rate / period / f0
+    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    sixth, kept, random = np.arange(f.size) == 6, np.exp(-1 / 7), np.random.default_rng(0)
+    ringing, moved = 0j, []
+
+    def errors(r, _):
+        nonlocal ringing
+        ringing = kept * ringing + np.sqrt(1 - kept**2) * 1e-3 * complex(*random.normal(size=2))
+        moved.append(np.std(np.fft.irfft(response * r, period)))
+        return response * r + np.where(sixth, ringing * period / 2, 0.0)
+
+    of_a_line(learned, period, 40, errors, 0.0)
+    assert max(moved[200:]) < 0.4e-3, "less than half of what rings is put out"
+
+
 def test_held_axes_keep_what_they_have_learned_of_a_period():
     """And go on learning without a bump, as soon as they are resumed."""
     motion = {name: dataclasses.replace(one, **short(one, 15_000)) for name, one in MOTION.items()}
@@ -746,6 +766,8 @@ def test_a_repetition_that_does_not_fit_is_named():
         MultiAxisController({"x": settings(FAST), "y": settings(SLOW, False)}, period=0.025)
     with pytest.raises(SettingError, match=r"a whole number of ticks of 10000 Hz, not 244\.8.*such as 0\.0245 s"):
         pair(period=0.02448)
+    with pytest.raises(SettingError, match=r"not 250\.05: such as 0\.025 s"):  # the nearest, not the next
+        pair(period=0.025005)
     controller = pair(period=0.03)[0]
     with pytest.raises(
         SettingError, match=r"period = 0\.03 s: must be a period of the motion, here a raster: 0\.025 s"

@@ -512,9 +512,10 @@ def test_what_begins_is_reported():
     """The measurement takes seconds, in which nothing else is shown."""
     wave, begun = trajectories.raster(frequency=50.0, peak_to_peak=20.0, duration=1.0, sample_rate=10_000.0), []
     limits = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0}
-    found = truestroke.learn(StagePlant(), wave, stroke=35.0, **limits, passes=2, averaged=0.1, doing=begun.append)
+    reported = {"doing": begun.append, "begins": lambda: begun.append("the motion")}
+    found = truestroke.learn(StagePlant(), wave, stroke=35.0, **limits, passes=2, averaged=0.1, **reported)
     measuring = [f"dynamics: {part}" for part in ("bias", "excitation", "fitting")]
-    assert begun == [*measuring, *[f"pass {one.number}" for one in found.passes]]
+    assert begun == [*measuring, "the motion", *[f"pass {one.number}" for one in found.passes]]
 
 
 def test_a_motion_beyond_the_spring_is_refused():
@@ -741,7 +742,7 @@ def test_a_motion_without_an_offset_is_in_the_middle_of_the_travel(tmp_path, mon
 
     def learned(driver, wave, **given):
         seen.append(wave)
-        given["doing"]("pass 0")
+        given["begins"]()
         raise truestroke.DriverError("no hardware")
 
     monkeypatch.setattr(truestroke, "learn", learned)

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import SettingError, scans
 from truestroke.cli import main
-from truestroke.cli.scan import _resonances
+from truestroke.cli.scan import _modes, _resonances
 from truestroke.report import scan as scan_page
 from truestroke.report.scan import rows as scan_rows
 from truestroke.runtime.drivers.nidaqmx import AnalogSignal, NidaqmxDriver, NidaqmxSettings
@@ -157,6 +157,7 @@ def test_an_axis_that_the_scan_does_not_move_rests(tmp_path: Path) -> None:
     x, _, z = job.axes
     assert (z.name, len(z.trajectory)) == ("z", len(x.trajectory))
     assert "z" not in _resonances(job, job.imaging)  # no other rate of lines is named because of it
+    assert _modes(job, job.imaging) == {}  # a resonance alone has no damping
     assert not np.any([z.trajectory.position, z.trajectory.velocity, z.trajectory.acceleration])
 
 

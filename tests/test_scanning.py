@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 import truestroke
-from truestroke import SettingError, scans
+from truestroke import Mode, SettingError, scans
 from truestroke.cli import main
 from truestroke.plant import MultiAxisStage
 from truestroke.studies.scanning import imaging, lines
@@ -124,7 +124,11 @@ def test_another_rate_is_named_for_what_is_at_a_resonance_only(small):
         true = desired + off[:, None]
         moved = scans.distortion(scan, *true.T, 512)
         assert moved.largest > 0.1
-        assert bool(imaging._remedy(scan, true, moved, {"x": 600.0, "y": 500.0})) == named
+        known = {name: Mode(frequency=f, damping=0.03) for name, f in (("x", 600.0), ("y", 500.0))}
+        assert bool(imaging._remedy(scan, true, moved, known)) == named
+        slow = known | {"y": Mode(frequency=500.0, damping=0.004)}  # 3.2 rows of 40 a second
+        said = imaging._remedy(scan, true, moved, slow)
+        assert ("What rings in y" in said) != named, "it is why where no harmonic is"
 
 
 def test_the_last_line_is_as_the_others_and_the_first_begins_as_late_at_any_rate():

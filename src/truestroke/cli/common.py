@@ -431,11 +431,11 @@ def print_verdict(verdict: Verdict, reasons: bool = True) -> None:
         click.echo(click.wrap_text(reason, _width(), initial_indent=" " * 11, subsequent_indent=" " * 11))
 
 
-def print_text(text: str) -> None:
-    """A paragraph, wrapped, in the words of the command that is called."""
+def print_text(text: str, *, err: bool = False) -> None:
+    """A paragraph, wrapped, in the words of the command that is called; on stderr where `err`."""
     context = click.get_current_context(silent=True)
     text = in_words_of(context.command if context else None, text)
-    click.echo(click.wrap_text(text, _width()))
+    click.echo(click.wrap_text(text, _width()), err=err)
 
 
 def _width() -> int:

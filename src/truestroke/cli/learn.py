@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
 LONGEST = 10_000_000  # samples of a repetition
-FIRST = "pass 0"  # what `truestroke.learn` does first of the motion
 
 
 @click.command()
@@ -133,14 +132,13 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
         if hasattr(driver, "expect"):  # shown on the live page
             _expect(driver, found, given)
 
-    def doing(what: str) -> None:
-        if what == FIRST and not as_json:
+    def begins() -> None:
+        if not as_json:
             place = wave.position[len(wave) // 2 :]  # behind the way from 0 um
             click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
-        show(what)
 
     try:
-        return truestroke.learn(driver, wave, **given, report=report, doing=doing)
+        return truestroke.learn(driver, wave, **given, report=report, doing=show, begins=begins)
     except truestroke.TruestrokeError as error:
         if not best:
             raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,7 @@ from truestroke.cli import common, realtime
 
 if TYPE_CHECKING:
     import truestroke
+    from truestroke.model.dynamics import Mode
     from truestroke.runtime.realtime.config import Job
     from truestroke.runtime.realtime.imaging import Imaging
     from truestroke.signals.scans import Image, Recorded
@@ -58,13 +59,14 @@ def scan(
     from concurrent.futures import ThreadPoolExecutor
     from importlib import import_module
 
-    from truestroke.studies.scanning.imaging import PIXELS, SLOWEST, image_stage, seconds_for
+    from truestroke.studies.scanning.imaging import PIXELS, SLOWEST, expected, image_stage, seconds_for
 
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     about = {"rate": rate, "resonances": resonances, "kinds": kinds, "noise": noise, "seed": seed}
     if rate >= SLOWEST and seconds_for(rate) > LONG and not as_json:
         click.echo(f"{PIXELS} rows at {rate:g} a second take about {seconds_for(rate) / 60:.2g} minutes.", err=True)
+    _say(expected(rate, resonances), as_json)
     with common.progress("scanning"), ThreadPoolExecutor(1) as beside:
         loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
         found = image_stage(**about)  # type: ignore[arg-type]  # in the thread that Ctrl-C interrupts
@@ -88,6 +90,12 @@ def scan(
     common.print_verdict(found.verdict)
     _print_files(page_file, written, plots)
     return ExitCode.of(found.verdict)
+
+
+def _say(words: str, as_json: bool) -> None:
+    """What is to be expected, before the scan; on stderr."""
+    if words and not as_json:
+        common.print_text(words, err=True)
 
 
 # ---- Files of images -----------------------------------------------------------------------------------------------
@@ -135,8 +143,11 @@ def _on_hardware(
     """Run the axes along the scan, record the signal, and make its images; the exit code."""
     from truestroke import ImageError
     from truestroke.signals import judgement
+    from truestroke.signals.scans import rates
 
     job, imaging = _to_scan(config)
+    if imaging.scan.name == "raster":
+        _say(rates.ringing(float(imaging.scan.settings["rate"]), _modes(job, imaging)), as_json)  # type: ignore[arg-type]
     ending = ".h5" if output else job.file.suffix or ".h5"
     page_file, recording = common.outputs(output or str(job.file.with_suffix("")), ".html", ending)
     _check_images(page_file, endings)
@@ -195,13 +206,20 @@ def _without_image(done: realtime.Closed, why: str, as_json: bool) -> int:
 
 def _resonances(job: Job, imaging: Imaging) -> dict[str, float]:
     """First resonance of each axis of the scan whose controller knows it, Hz."""
-    known: dict[str, float] = {}
-    for axis in (one for one in job.axes if one.name in imaging.axes):
-        settings = getattr(axis.controller, "settings", None)
-        dynamics = getattr(settings, "dynamics", None)
-        frequency = dynamics.modes[0].frequency if dynamics and dynamics.modes else getattr(settings, "resonance", 0.0)
-        known |= {axis.name: frequency} if frequency else {}
-    return known
+    known = {name: getattr(settings, "resonance", 0.0) for name, settings in _settings(job, imaging).items()}
+    known |= {name: mode.frequency for name, mode in _modes(job, imaging).items()}
+    return {name: frequency for name, frequency in known.items() if frequency}
+
+
+def _modes(job: Job, imaging: Imaging) -> dict[str, Mode]:
+    """First mode of each axis of the scan whose controller knows its dynamics."""
+    known = {name: getattr(settings, "dynamics", None) for name, settings in _settings(job, imaging).items()}
+    return {name: dynamics.modes[0] for name, dynamics in known.items() if dynamics and dynamics.modes}
+
+
+def _settings(job: Job, imaging: Imaging) -> dict[str, Any]:
+    """Of the controllers of the axes of the scan, where they have some."""
+    return {one.name: getattr(one.controller, "settings", None) for one in job.axes if one.name in imaging.axes}
 
 
 def _recorded(

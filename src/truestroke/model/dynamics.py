@@ -275,7 +275,8 @@ not see it: raise the sample rate
         f = f[:, None] + self.sample_rate * np.arange(-ALIASES, ALIASES + 1)
         tick = f / self.sample_rate
         delay = self.dead_time + self.sensor_delay if sensor else self.dead_time
-        means = np.sinc(tick) * np.sinc(averaged(delay * self.sample_rate) * tick)
+        share, means = averaged(delay * self.sample_rate), np.sinc(tick)
+        means *= means if share == 1.0 else np.sinc(share * tick)
         return np.asarray(np.sum(self.continuous(f, sensor=sensor) * means, axis=-1))
 
     # ---- Sample rates ----------------------------------------------------------------------------------------------

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from truestroke.identification.unwarp import Unwarped
 from truestroke.report import style, words
 from truestroke.report.page import Page, Section, Table, captioned
 from truestroke.report.style import LIGHT, Theme
 from truestroke.signals.scans.images import Image
+
+if TYPE_CHECKING:
+    from truestroke.identification.unwarp import Unwarped  # a page of a scan needs no identification
 
 FLATTEST = 0.1  # height over width: a strip that is flatter is shown as high as this
 ROUND = 0.8  # in of title and labels around an image

@@ -13,6 +13,7 @@ from truestroke.report import style, units
 from truestroke.report.style import Theme
 
 SMALL = 0.1  # nm/sqrt(Hz): the largest density that is shown in pm/sqrt(Hz)
+EDGES = {"left": 0.107, "right": 0.99, "bottom": 0.153, "top": 0.91, "wspace": 0.219}  # labels of six digits fit
 BINS = 81  # of a histogram: one in the middle is around 0
 
 
@@ -35,7 +36,7 @@ def spectrum(errors: Mapping[str, tuple[str, FloatArray]], rate: float, theme: T
     small = seen.size > 0 and seen.max() < SMALL
     seen = 1e3 * seen if small else seen
     with style.use(theme):
-        figure, (of_frequency, of_size) = style.panels(3.0, 1, 2, width_ratios=[1.6, 1])
+        figure, (of_frequency, of_size) = style.panels(3.0, 1, 2, edges=EDGES, width_ratios=[1.6, 1])
         for name, (frequency, density) in densities.items():
             shown = 1e3 * density if small else density
             of_frequency.plot(frequency, shown, color=theme[errors[name][0]], lw=0.9, label=name)

@@ -60,6 +60,7 @@ def learn(
     averaged: float = AVERAGED,
     report: Callable[[Learned], None] = lambda _: None,
     doing: Callable[[str], None] = lambda _: None,
+    begins: Callable[[], None] = lambda: None,
 ) -> Learned:
     """Learn the voltage of a motion that repeats, pass by pass, until the error is that of the noise.
 
@@ -105,6 +106,8 @@ def learn(
         Called after each pass with what was learned so far, from the first one that was measured.
     doing : callable, optional
         Called with what begins: a part of the measurement of the dynamics, as of `measure_bode`, or a pass.
+    begins : callable, optional
+        Called once, before the first pass: the driver is open, and the motion begins.
 
     Returns
     -------
@@ -166,6 +169,7 @@ def learn(
     subtracted = _zero(play, limits, rate, stroke, zero)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
     found, seen = Learned(passes=(), learning=learning, spring=spring, zero=subtracted), False
+    begins()
     for number in range(most):
         doing(f"pass {number}")
         volts = np.tile(learning.volts, sum(periods))

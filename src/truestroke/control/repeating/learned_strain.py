@@ -35,7 +35,7 @@ from truestroke.model.dynamics import Dynamics
 BEGIN = 0.5  # s: until then the controller learns alone
 AVERAGED = 0.2  # s of the periods of a batch, two at least
 DECAY = 5.0  # time constants of the first mode before them, in which a change of r decays
-SHORTEST_DECAY, LONGEST_DECAY = 0.05, 0.15  # s
+SHORTEST_DECAY, LONGEST_DECAY = 0.05, 0.2  # s; where f0 times damping is below 4 Hz some of it remains
 WORSE = 2.0  # times the error without r: then it is learned from the beginning
 DRIFTS = 1.0  # times the power of the drift within a batch: that from batch to batch
 NOISY = 4.0  # times the variance of its noise: an error with less power says nothing of R
@@ -60,7 +60,7 @@ def whole_ticks(argument: str, period: float, sample_rate: float) -> int:
     period = checks.within(argument, period, SHORTEST / sample_rate, LONGEST / sample_rate, "s")
     ticks = period * sample_rate
     if abs(ticks - round(ticks)) > PERIODIC:
-        near = math.ceil(ticks) / sample_rate
+        near = round(ticks) / sample_rate
         bound = f"a whole number of ticks of {sample_rate:g} Hz, not {ticks:.10g}: such as {near:.10g} s"
         raise SettingError(argument, period, bound, "s")
     return round(ticks)
@@ -287,11 +287,16 @@ class LearnedStrain:
         """The steps of another axis."""
 
     def _conclude(self) -> None:
-        """Mean, noise and drift of the periods."""
+        """Mean, noise and drift of the periods.
+
+        Near a resonance one period is like the next, as what rings goes on: that the mean is noise as well, the halves
+        of the batch show, not neighbours.
+        """
         E, n = np.fft.rfft(self._periods, axis=1), len(self._periods)
-        self._noise2 = np.sum(np.abs(np.diff(E, axis=0)) ** 2, axis=0) / (2 * n * (n - 1))
-        drift = E[-(n // 2) :].mean(axis=0) - E[: n // 2].mean(axis=0)
-        self._drift2 = DRIFTS * np.maximum(np.abs(drift) ** 2 - 4 * self._noise2, 0.0)
+        noise2 = np.sum(np.abs(np.diff(E, axis=0)) ** 2, axis=0) / (2 * n * (n - 1))
+        drift2 = np.abs(E[-(n // 2) :].mean(axis=0) - E[: n // 2].mean(axis=0)) ** 2
+        self._drift2 = DRIFTS * np.maximum(drift2 - 4 * noise2, 0.0)
+        self._noise2 = np.maximum(noise2, drift2 / 4)
         self._Z = np.fft.rfft(self._wave) + E.mean(axis=0)
 
     def _look(self) -> None:

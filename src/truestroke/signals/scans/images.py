@@ -115,17 +115,18 @@ def at_pixels(scan: Scan, signal: npt.ArrayLike, columns: int) -> FloatArray:
     ImageError
         The signal has not one entry a tick, or no number in one.
     """
-    from scipy.interpolate import CubicSpline
+    from scipy import ndimage  # scipy.interpolate takes longer to import than all lines to interpolate
 
     values = checks.signal("signal", signal)
     _check_fit(scan, "signal", values)
     _check_whole(scan, "signal", values)
-    time, times = scan.time, scan.pixels(columns)
-    made = np.empty(times.shape)
-    for lines in np.array_split(np.arange(len(times)), max(1, min(len(times), values.size // PART))):
-        first, last = scan.lines["first"][lines].min(), scan.lines["last"][lines].max()
-        near = slice(max(int(first) - BESIDE, 0), int(last) + 1 + BESIDE)
-        made[lines] = CubicSpline(time[near], values[near])(times[lines])
+    known = np.pad(values, BESIDE, "reflect", reflect_type="odd")
+    places = scan.pixels(columns) * scan.sample_rate + BESIDE
+    made = np.empty(places.shape)
+    for lines in np.array_split(np.arange(len(places)), max(1, min(len(places), values.size // PART))):
+        first, last = int(scan.lines["first"][lines].min()), int(scan.lines["last"][lines].max())
+        near = known[first : last + 1 + 2 * BESIDE]
+        ndimage.map_coordinates(near, [places[lines] - first], made[lines[0] : lines[-1] + 1], order=3, mode="mirror")
     return made
 
 

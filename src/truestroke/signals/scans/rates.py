@@ -10,12 +10,14 @@ import numpy as np
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
+from truestroke.model.dynamics import Mode
 from truestroke.signals.scans.scan import Scan
 
 REACH = 0.06  # of the rate: how far another one may be
 CLOSE = 0.2  # of the distance between two harmonics: one that near meets the resonance
 HIGHEST = 30  # harmonic: what hysteresis makes of a raster falls with its number
 BETTER = 0.1  # of that distance: what is worth another rate
+RINGS = 1.25  # periods: time constant of a resonance from which on what rings looks like what repeats
 MOST = 0.5  # of what is above the goal: less of it is not why
 
 
@@ -95,6 +97,41 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
         f"At {rate:.5g} {words} a second {', and '.join(each)}, which may be why: at {other:.10g} {words} a second, a "
         f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {math.floor(away * other):.2g} Hz of a "
         "resonance."
+    )
+
+
+def ringing(rate: float, modes: Mapping[str, Mode]) -> str:
+    """A sentence where what rings in an axis lasts for more than a row of a raster; it can be said beforehand.
+
+    One period is then like the next by chance, too, and what is learned of each is late and has noise in it. A mode of
+    f0 and zeta decays by a factor of e in 1 / (2 pi f0 zeta).
+
+    Parameters
+    ----------
+    rate : float
+        Rows per second, Hz.
+    modes : Mapping[str, Mode]
+        First mode of each axis that is known, by its name.
+
+    Examples
+    --------
+    >>> ringing(100.0, {"x": Mode(frequency=900.0, damping=0.01), "y": Mode(frequency=600.0, damping=0.004)})
+    'What rings in y, 600 Hz with a damping of 0.004, takes 66 ms to decay, 6.6 rows of 100 a second: pixels may be \
+some tenths from their places. Up to 18.8 rows a second leave it time.'
+    >>> ringing(100.0, {"y": Mode(frequency=600.0, damping=0.03)})
+    ''
+    """
+    slowest = min(modes.items(), key=lambda one: one[1].frequency * one[1].damping, default=None)
+    if slowest is None:
+        return ""
+    name, mode = slowest
+    decay = 1 / (2 * math.pi * mode.frequency * mode.damping)
+    if rate * decay <= RINGS:
+        return ""
+    return (
+        f"What rings in {name}, {mode.frequency:.4g} Hz with a damping of {mode.damping:.2g}, takes "
+        f"{1e3 * decay:.2g} ms to decay, {rate * decay:.2g} rows of {rate:.5g} a second: pixels may be some tenths "
+        f"from their places. Up to {RINGS / decay:.3g} rows a second leave it time."
     )
 
 

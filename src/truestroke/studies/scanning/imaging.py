@@ -19,6 +19,7 @@ from truestroke.base.verdict import Level, Verdict
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
+from truestroke.model.dynamics import Mode
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals import scans, shaping
 from truestroke.signals.scans import rates
@@ -32,7 +33,7 @@ WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
 SLOWEST = 1.0  # Hz of the rows: minutes, and 1.0 GB of memory
-TICK = 7e-5  # s that a tick of all four runs takes, on two cores
+TICK = 2e-5  # s that a tick of all four runs takes, on two cores that are busy
 SOFTEST, STIFFEST = 10.0, 2200.0  # Hz: slower rows would be needed, or more samples a second
 LEAD_IN, LEAST_LEAD = 4.0, 8  # s of lines before the image, and their number at least
 LEAD_ROWS, LEAD_SHARE = 96, 0.6  # rows over which y moves in the last of them, at most, and as a share
@@ -64,7 +65,7 @@ class Imaged:
     shift : tuple[float, float]
         Of the retrace of the texture against its trace, in x and y, pixels, by `scans.shift`.
     remedy : str
-        Another rate, where what harmonics of the rows do at a resonance is why the image is not good.
+        Another rate, where what harmonics of the rows do at a resonance, or what rings, may be why it is not good.
     limited : Mapping[str, float]
         Percent of the ticks in which a limit of voltage or slew held each axis, where one did; of truestroke alone.
     """
@@ -179,9 +180,21 @@ def seconds_for(rate: float) -> float:
     Examples
     --------
     >>> round(seconds_for(1.0)), round(seconds_for(40.0))
-    (181, 6)
+    (52, 2)
     """
     return TICK * SAMPLE_RATE * (PIXELS / rate + LEAD_IN)
+
+
+def expected(rate: float, resonances: tuple[float, float]) -> str:
+    """Before it begins: a sentence where the stage rings for so long that the image will hardly be good, or "".
+
+    Examples
+    --------
+    >>> expected(40.0, (900.0, 700.0))
+    ''
+    """
+    known = {name: Mode(frequency=f, damping=DAMPING) for name, f in zip("xy", resonances, strict=True) if f > 0}
+    return rates.ringing(rate, known)
 
 
 def controllers_of(stage: MultiAxisSettings, period: float | None = None) -> MultiAxisController:
@@ -251,7 +264,7 @@ def image_stage(
         with hungry:
             if name != "truestroke":
                 return _imaged(name, scan, true, samples, {})
-            return replace(_imaged(name, scan, true, samples, _resonances(stage)), limited=_limited(controller))
+            return replace(_imaged(name, scan, true, samples, _modes(stage)), limited=_limited(controller))
 
     with ThreadPoolExecutor(4) as several, _ended_together(several) as going:
         several.submit(samples[1], np.zeros(1), np.zeros(1))  # which makes the texture, once for all of them
@@ -270,21 +283,28 @@ def _limited(controller: MultiAxisController) -> dict[str, float]:
     return {name: percent for name, percent in held.items() if percent > 0}
 
 
-def _resonances(stage: MultiAxisSettings) -> dict[str, float]:
-    """First ones of the axes, Hz."""
-    return {name: one.resonances[0] for name, one in zip("xy", stage.axes, strict=True)}
+def _modes(stage: MultiAxisSettings) -> dict[str, Mode]:
+    """First ones of the axes."""
+    return {name: one.dynamics().modes[0] for name, one in zip("xy", stage.axes, strict=True)}
 
 
-def _remedy(scan: Scan, true: FloatArray, moved: Distortion, known: Mapping[str, float]) -> str:
-    """Another rate, where what harmonics of the rows do at a resonance is why the image is not good."""
-    seen = moved.largest, moved.trace_retrace
-    words = rates.advice(scan, known) if max(seen) > FINE else ""
-    if not words:
+def _frequencies(modes: Mapping[str, Mode]) -> dict[str, float]:
+    """Theirs, Hz."""
+    return {name: mode.frequency for name, mode in modes.items()}
+
+
+def _remedy(scan: Scan, true: FloatArray, moved: Distortion, modes: Mapping[str, Mode]) -> str:
+    """Another rate, where what harmonics of the rows do at a resonance, or what rings, may be why it is not good."""
+    seen, known = (moved.largest, moved.trace_retrace), _frequencies(modes)
+    if not known or max(seen) <= FINE:
         return ""
-    x, y = (true - rates.at_resonances(scan, _off(scan, true), known)).T
-    less = scans.distortion(scan, x, y, PIXELS)
-    left = less.largest, less.trace_retrace
-    return words if any(rates.is_why(one, other, FINE) for one, other in zip(seen, left, strict=True)) else ""
+    if words := rates.advice(scan, known):
+        x, y = (true - rates.at_resonances(scan, _off(scan, true), known)).T
+        less = scans.distortion(scan, x, y, PIXELS)
+        left = less.largest, less.trace_retrace
+        if any(rates.is_why(one, other, FINE) for one, other in zip(seen, left, strict=True)):
+            return words
+    return rates.ringing(float(scan.settings["rate"]), modes)  # type: ignore[arg-type]
 
 
 def _off(scan: Scan, true: FloatArray) -> FloatArray:
@@ -314,7 +334,7 @@ def _imaged(
     scan: Scan,
     true: FloatArray,
     samples: tuple[scans.Grating, scans.Texture],
-    resonances: Mapping[str, float],
+    modes: Mapping[str, Mode],
 ) -> Imaged:
     x, y = true.T
     places = [scans.at_pixels(scan, axis, PIXELS) for axis in (x, y)]
@@ -322,7 +342,7 @@ def _imaged(
     shift = scans.shift(images["texture"]["trace"], images["texture"]["retrace"])
     moved = scans.distortion(scan, x, y, PIXELS)
     error = (x - scan.x.position).astype(np.float32)
-    return Imaged(name, error, moved, images, shift, _remedy(scan, true, moved, resonances))
+    return Imaged(name, error, moved, images, shift, _remedy(scan, true, moved, modes))
 
 
 def spiral_of(stage: MultiAxisSettings, rotation: float = ROTATION) -> Scan:
@@ -340,7 +360,7 @@ class _Spiral:
 
 
 def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> _Spiral:
-    scan, known = spiral_of(stage), _resonances(stage)
+    scan, known = spiral_of(stage), _frequencies(_modes(stage))
     off = _off(scan, lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going))
     found = percent_off(scan, off)
     words = rates.advice(scan, known) if found > ROUND else ""
