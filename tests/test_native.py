@@ -67,12 +67,15 @@ def test_these_pairs_are_native_and_others_are_not(monkeypatch):
 
     desired = [SLOW.position, SLOW.velocity]
     usual = controller({"sample_rate": 2000.0})
-    replaced, patched = copy.deepcopy(usual), RealisticPlant()
+    replaced, commanded, patched = copy.deepcopy(usual), copy.deepcopy(usual), RealisticPlant()
     replaced.adapt = lambda z, ago=0: None
+    commanded.command = lambda z_d, zdot_d: 0.0
     patched.exchange = lambda volts: 10.0 * volts
     own = Own(sample_rate=2000.0, **RANGE)
-    for of, plant in ((own, RealisticPlant()), (replaced, RealisticPlant()), (usual, patched), (usual, InPython(None))):
-        assert native.pair(SLOW, of, plant, desired) is None
+    for of in (own, replaced, commanded):
+        assert native.pair(SLOW, of, RealisticPlant(), desired) is None
+    for plant in (patched, InPython(None)):
+        assert native.pair(SLOW, usual, plant, desired) is None
     assert native.pair(SLOW, usual, MatchedPlant(2 * SLOW.velocity), desired) is None  # another motion
     single = controller({"sample_rate": 2000.0, "precision": "single"})
     assert native.pair(SLOW, single, RealisticPlant(), [1e39 * SLOW.position, SLOW.velocity]) is None

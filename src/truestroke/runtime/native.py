@@ -94,9 +94,9 @@ def pair(trajectory: Trajectory, controller: Any, actuator: Any, desired: Sequen
 
 
 def is_usual(controller: AdaptiveController) -> bool:
-    """Whether its calls are those of the kernel, and nobody put others in their place."""
-    kernel, own = controller._kernel, vars(controller)
-    return bool(own.get("command") == kernel.command and own.get("adapt") == kernel.adapt)
+    """Whether its calls are those of the class and the kernel, and nobody put others in their place."""
+    own = vars(controller)
+    return bool("command" not in own and own.get("adapt") == controller._kernel.adapt)
 
 
 def _moves_as_usual(plant: Any) -> bool:
