@@ -640,6 +640,15 @@ def of_a_line(learned, period, batches, errors, noise):
     return learned.errors
 
 
+def behind_a_mode(rate, period, f0, damping):
+    """What learns lines on a stage whose mode is known, harmonics of them over f0, and its response there."""
+    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
+    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
+    f = np.arange(period // 2 + 1) * rate / period / f0
+    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    return learned, f, response
+
+
 @pytest.mark.parametrize("changes", ["the stage", "the motion"])
 def test_the_learned_strain_after_a_change(changes):
     """A stage that answers otherwise contradicts all that was learned of it; a motion that drifts shows nothing of it.
@@ -647,10 +656,7 @@ def test_the_learned_strain_after_a_change(changes):
     100 lines a second, whose seventh harmonic meets the resonance of 700 Hz.
     """
     rate, period, f0, damping = 5000.0, 50, 700.0, 0.01
-    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
-    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
-    f = np.arange(period // 2 + 1) * rate / period / f0
-    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    learned, f, response = behind_a_mode(rate, period, f0, damping)
     seventh = np.arange(f.size) == 7
     calls = iter(range(10**6))
 
@@ -671,10 +677,7 @@ def test_the_learned_strain_after_a_change(changes):
 def test_noise_shows_nothing_of_the_stage():
     """A change that was made of noise meets it again in the difference of two batches; the dynamics are exact."""
     rate, period, f0, damping = 10_000.0, 500, 1235.0, 0.013
-    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
-    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
-    f = np.arange(period // 2 + 1) * rate / period / f0
-    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    learned, f, response = behind_a_mode(rate, period, f0, damping)
     of_a_line(learned, period, 60, lambda r, _: response * r, 1e-3)
     ratio = learned._law.ratio[(f > 0.8) & (f < 1.2)]
     assert np.abs(np.angle(ratio)).max() < np.radians(60.0), "a step in a wrong direction"
@@ -684,10 +687,7 @@ def test_noise_shows_nothing_of_the_stage():
 def test_a_ringing_that_goes_on_for_periods_is_no_part_of_what_repeats():
     """Noise rings at 598 Hz, the sixth harmonic of 100 lines a second, for seven of them: neighbours are alike."""
     rate, period, f0, damping = 5000.0, 50, 598.0, 0.0039
-    learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
-    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
-    f = np.arange(period // 2 + 1) * rate / period / f0
-    response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
+    learned, f, response = behind_a_mode(rate, period, f0, damping)
     sixth, kept, random = np.arange(f.size) == 6, np.exp(-1 / 7), np.random.default_rng(0)
     ringing, moved = 0j, []
 

@@ -252,6 +252,14 @@ def test_a_loop_of_ones_own_is_said_once_that_the_default_slew_limit_holds_it_ba
     for given in ({"slew_limit": 504.5}, {"slew_limit": enough}, {"resonance": 700.0}):
         assert in_an_own_loop(truestroke.AdaptiveController(**bench, **given), fast.position, fast.velocity) == []
     assert in_an_own_loop(truestroke.AdaptiveController(**bench), slow.position, slow.velocity) == []
+    controller.change(trim_rate=1.0)
+    assert in_an_own_loop(controller, fast.position, fast.velocity) == []  # it was said
+    changed = truestroke.AdaptiveController(**bench)
+    changed.change(resonance=700.0)  # as it says; a limit that was chosen stays
+    assert changed.settings.slew_limit == ControllerSettings(**bench, resonance=700.0).slew_limit > 504.0
+    chosen = truestroke.AdaptiveController(**bench, slew_limit=300.0)
+    chosen.change(resonance=700.0)
+    assert chosen.settings.slew_limit == 300.0
     controller.change(slew_limit=enough)
     held = controller.counters.slewed
     assert in_an_own_loop(controller, fast.position, fast.velocity) == []

@@ -463,8 +463,9 @@ class AdaptiveController(Displayed):
         changed = self.settings.changed(given)
         with _as_setting(changed):
             self._kernel.change(kernel_settings(changed))
+        if changed.slew_limit != self.settings.slew_limit:
+            self._motion = feasibility.UnknownMotion(changed)
         self.settings = changed
-        self._motion = feasibility.UnknownMotion(changed)
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """The complete state after a tick, as named arrays, for `restore`.

@@ -590,6 +590,8 @@ class ControllerSettings(Displayed, Layout):
     def changed(self, given: Mapping[str, Any]) -> ControllerSettings:
         """Other values of some settings; what follows from them, and was not chosen, follows again."""
         follow = {"filter_frequency", "smoothing_time"} if "resonance" in given else set()
+        if "resonance" in given and self.slew_limit == default_slew_limit(self):
+            follow |= {"slew_limit"}
         if given.keys() & {"latency", "hum"} and self.feedback == default_feedback(self):
             follow |= {"feedback"}
         if "hum" in given and self.change_threshold == default_change_threshold(self):
