@@ -218,6 +218,7 @@ typedef struct {
     bool calm;                      /* no stage is in the model, and the tracking error is small: large weights are no burst */
     int since_change, spikes, since_return;
     bool started, pending, changed;
+    bool outgrown;                  /* input: the motion is larger than the one in which the weights were learned */
     bool renews;                    /* P is made in the next tick, of P(0) and Pu */
     unsigned char part[TS_MAX_LEARNED]; /* 1: weight of the first play, 2: of another play, 0: anything else */
 } ts_kalman;
@@ -629,7 +630,6 @@ typedef struct {
     ts_real good;                  /* error of those weights; 0: not known yet */
     ts_real wait;                  /* blocks: of the next hold, */
     ts_real left;                  /* and until this one ends, or until an error may have grown */
-    ts_real late;                  /* 1: the law has a third pole */
 } ts_growth;
 
 /* The stage's first resonance, and the quantities that follow from it; at first from the settings. */
@@ -645,6 +645,7 @@ typedef struct {
         ts_growth growth;          /* with a stage that was found */
     } before;
     ts_real doubt;                    /* error over the range that the dynamics of the settings leave */
+    ts_real widest;                   /* um: range of the motion so far, while the stage is known */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
     int doubted;                      /* windows in which that error has not fallen */

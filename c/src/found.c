@@ -21,6 +21,7 @@
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
 #define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
+#define SEEN ((ts_real)4e-3)      /* of the motion's range: a smaller error of what is good shows no other resonance */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
 #define TURNED ((ts_real)0.5)     /* radians: a stage in the model whose lag turns it by so much, */
 #define WHOLE ((ts_real)0.75)     /* and takes so many ticks, has another dead time */
@@ -357,6 +358,8 @@ static bool matters(const ts_controller *c)
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
         if (is_late(c)) return true;
+        ts_real seen = SEEN * ts_guard_range(&c->guard, &c->settings->guard);
+        if (c->guard.kept && r->power < seen * seen) return false;
         return moved * moved > MOVED * MOVED && (assumed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
     }
     if (is_given(c)) {
@@ -458,5 +461,4 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     forget_lag(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
-    if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#define OUTGROWN ((ts_real)0.01) /* of the prior's: what P has of it when the motion has become larger */
 #define STEADY ((ts_real)0.4) /* of the normalised innovation counts where the error has long been small */
 #define UNLIKELY 3 /* times the expected first weight: stroke or voltage limits are not those of the actuator */
 #define STEEPEST 5 /* times it, at most, that count */
@@ -260,11 +261,12 @@ static void follow_covariance(ts_kalman *k, const ts_kalman_settings *s, const t
         back = s->prior_return;
     }
     if (k->changed) back += s->change_share;
+    if (k->outgrown) back += OUTGROWN;
     if (back > 0 && k->calm) back *= haste(w[0], w0[0]);
     if (back > 0) reduce_and_return(k->P, root, P0, back < 1 ? back : 1, m);
     else reduce(k->P, root, m);
     if (k->changed) admit_change(k, s, w, m);
-    k->pending = k->changed = false;
+    k->pending = k->changed = k->outgrown = false;
 }
 
 static inline ts_real plus_all(ts_real sum, const ts_real *a, int n)

@@ -10,6 +10,8 @@
 #define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
 #define CAUTIOUS 100                /* times the variance of a measurement: from there on the law follows no drift */
 
+#define WIDER ((ts_real)1.05)       /* times the range of the motion so far: a larger motion */
+
 #define BLOCK ((ts_real)0.25)       /* s: over which an error is taken */
 #define GREW ((ts_real)1.4)         /* times the least of a block: an error that has grown, */
 #define GROWN 2                     /* in so many blocks in a row, */
@@ -161,14 +163,25 @@ static void doubt_dynamics(ts_controller *c, ts_real error)
     c->stage.doubted = error > DOUBT;
 }
 
+/* At the end of a window: where the motion has become larger, the weights are not as sure as they were in a smaller one, whose errors
+ * of the stage's model were as small. Without a stage in the model that error is none of the weights'. */
+static void doubt_outgrown(ts_controller *c)
+{
+    ts_real range = ts_guard_range(&c->guard, &c->settings->guard), *widest = &c->stage.widest;
+    if (!dynamics_of(c)->known) *widest = 0;
+    else if (!(c->guard.held > 0) && range > WIDER * *widest) {
+        *widest = range;
+        c->law.kalman.outgrown = true;
+    }
+}
+
 /* Nothing is known of the present error, and nothing held; what a hold has shown stays, but for another stage. */
 void ts_begin_growth(ts_controller *c, bool first)
 {
     ts_growth *g = &c->stage.before.growth;
-    ts_real wait = first ? FIRST_HOLD : g->wait, late = first ? 0 : g->late;
+    ts_real wait = first ? FIRST_HOLD : g->wait;
     memset(&c->stage.before, 0, sizeof c->stage.before);
     g->wait = wait;
-    g->late = late;
 }
 
 /* The stage is no longer in the model: the weights to be restored are those at their best. */
@@ -221,12 +234,11 @@ static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool ot
     c->counters.restored++;
 }
 
-/* The first block of the held weights: the law goes on from there with a third pole, unless it had that; then they stay, if they are
- * as good as they were. Where they are no better, learning was not the cause. */
+/* The first block of the held weights: they stay, if they are as good as they were, or else the law goes on from there. Where they
+ * are no better, learning was not the cause. */
 static void judge_restored(ts_controller *c, ts_real error, ts_real speed, bool burst)
 {
     ts_growth *g = &c->stage.before.growth;
-    bool before = g->late > 0;
     if (burst || error > HELPS * g->failed) {
         ts_real failed = g->failed;
         take_weights(c, c->kept.aside, false);
@@ -236,9 +248,8 @@ static void judge_restored(ts_controller *c, ts_real error, ts_real speed, bool 
         g->left = g->wait;
         return;
     }
-    g->late = 1;
     g->good = error;
-    if (!before || error > AS_GOOD * g->least) {
+    if (error > AS_GOOD * g->least) {
         keep_least(c, c->stage.newer, error, speed);
         learn_on(c);
         return;
@@ -341,6 +352,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     }
     if (g->kept != kept && !g->lost) memset(&c->kept.watch, 0, sizeof c->kept.watch);
     if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
+    if (g->ticks == 0) doubt_outgrown(c);
     if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
     watch_growth(c, noise);

@@ -125,6 +125,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("started", &k.started, 1);
     visit("pending", &k.pending, 1);
     visit("changed", &k.changed, 1);
+    visit("outgrown", &k.outgrown, 1);
     auto &r = c.ringing;
     visit("ringing_regressor", &r.u[0], m);
     visit("ringing_measured", &r.y, 1);
@@ -170,6 +171,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_failed", &c.stage.failed, 2);
         visit("given_doubt", &c.stage.doubt, 1);
         visit("given_doubted", &c.stage.doubted, 1);
+        visit("widest_motion", &c.stage.widest, 1);
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
@@ -291,6 +293,7 @@ void check_guard(const ts_controller &c) {
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
     require_all("given_doubt", c.stage.doubt >= 0, "0 or more");
     require_all("given_doubted", c.stage.doubted >= 0, "0 or more");
+    require_all("widest_motion", c.stage.widest >= 0, "0 or more");
     require_all("caution", c.law.kalman.caution >= 0, "0 or more");
     require_all("kept_noise", c.kept.sigma >= 0, "0 or more");
     require_all("kept_stage", c.kept.filter >= 0 && c.kept.filter <= 1 && (c.kept.filter > 0 || !g.lost) && c.kept.smoothing >= 0 &&

@@ -73,6 +73,7 @@ class FilteringLaw(Law, Protocol):
     relates: bool
     steady: bool
     calm: bool
+    outgrown: bool
 
     def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
         """Whether a measurement with the innovation e_m, um, is not to be used; noisy: what `tick` gets instead."""
@@ -381,6 +382,7 @@ RETURN_EVERY = 16  # ticks: TS_RETURN_EVERY of the kernel
 MEAN_SECOND_DIFFERENCE = 1.9544  # mean of |d| of white noise of deviation 1: sqrt(6) sqrt(2 / pi)
 CLIP = 7.84  # of sigma: four times that mean, at which the robust estimate of the noise clips
 LARGEST = 1e50  # TS_LARGEST of the kernel: largest weight and desired value
+OUTGROWN = 0.01  # of the prior's covariance: what P has of it when the motion has become larger
 STEADY = 0.4  # of the normalised innovation counts where the error has long been small
 UNLIKELY = 3.0  # times the expected first weight: stroke or voltage limits are not those of the actuator
 STEEPEST = 5.0  # times it, at most, that count
@@ -494,6 +496,8 @@ class BoundedKalman:
         Whether a change has to be larger by 1 / `STEADY`: the controller says so while the error has long been small.
     calm : bool
         Whether no stage is in the model and the tracking error is small, so that large weights are no burst.
+    outgrown : bool
+        Whether the motion is larger than the one in which the weights were learned; the next update takes it back.
 
     Raises
     ------
@@ -547,7 +551,7 @@ class BoundedKalman:
         self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
         self.started = self.pending = self.changed = False
-        self.relates, self.steady, self.calm = True, False, False
+        self.relates, self.steady, self.calm, self.outgrown = True, False, False, False
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; w, P and the present filter stay."""
@@ -721,6 +725,8 @@ class BoundedKalman:
             self.since_return, back = 0, s.prior_return
         if self.changed:
             back += s.change_share
+        if self.outgrown:
+            back += OUTGROWN
         if self.calm:
             back *= self._haste()
         if back > 0:
@@ -728,7 +734,7 @@ class BoundedKalman:
         if self.changed:
             P += self._change * np.outer(self.weights, self.weights)
         self.P = P
-        self.pending = self.changed = False
+        self.pending = self.changed = self.outgrown = False
 
     def project(self, columns: int, rate: float, missing: float) -> None:
         """Move w so that g.w grows by `missing`: w = w + P g missing / (g'P g).

@@ -31,6 +31,7 @@ SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
+SEEN = 4e-3  # of the motion's range: a smaller error of what is good shows no other resonance
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
 TURNED = 0.5  # radians: a stage in the model whose lag turns it by so much,
 WHOLE = 0.75  # and takes so many ticks, has another dead time
@@ -241,7 +242,7 @@ def begin_growth(c: State, *, first: bool) -> None:
     if first or before is None:
         c.stage.growth = Growth(c.law.weights, FIRST_HOLD)
     else:
-        c.stage.growth = Growth(before.weights, before.wait, before.late)
+        c.stage.growth = Growth(before.weights, before.wait)
 
 
 def end_growth(c: State) -> None:
@@ -337,6 +338,9 @@ def matters(c: State) -> bool:
         moved = known.known / stage.resonance - 1
         if is_late(c):
             return True
+        seen = SEEN * c.kept.guard.range
+        if c.kept.guard.kept and known.power < seen * seen:
+            return False
         far = moved * moved > MOVED * MOVED and (assumed or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:
@@ -438,8 +442,6 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
     adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
-    if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
-        c.stage.growth.late = True  # a burst excites the second mode, too
 
 
 def stage_is_shown(c: State, law: FilteringLaw) -> bool:

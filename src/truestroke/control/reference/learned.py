@@ -31,6 +31,8 @@ CAUTIOUS = 100  # times the variance of a measurement: from there on the law fol
 SLOWER = 8  # times as slow as the poles of the oscillation: the pole of the first gain
 SURE = 10  # of a window: for so long a displacement of the floor is as sure as the first gain
 
+WIDER = 1.05  # times the range of the motion so far: a larger motion
+
 BLOCK = 0.25  # s: over which an error is taken
 GREW = 1.4  # times the least of a block: an error that has grown,
 GROWN = 2  # in so many blocks in a row,
@@ -170,6 +172,19 @@ def doubt_dynamics(c: State, error: float) -> None:
         stage.doubt, stage.doubted = error, int(error > DOUBT)
 
 
+def doubt_outgrown(c: State, law: FilteringLaw) -> None:
+    """At the end of a window: where the motion has become larger, the weights are not as sure as they were.
+
+    In a smaller one the errors of the stage's model were as small. Without a stage that error is none of the weights'.
+    """
+    stage, guard = c.stage, c.kept.guard
+    if c.path is None:
+        stage.widest = 0.0
+    elif guard.held == 0 and guard.range > WIDER * stage.widest:
+        stage.widest = guard.range
+        law.outgrown = True
+
+
 def is_restored(c: State) -> bool:
     """Whether earlier weights are held, since learning made the error larger."""
     return c.kept.guard.held > 0 or (c.stage.growth is not None and c.stage.growth.held > 0)
@@ -211,18 +226,18 @@ def judge_growth(
 def judge_restored(c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, burst: bool) -> None:
     """The first block of the held weights.
 
-    The law goes on from there with a third pole, unless it had that; then they stay, if they are as good as they were.
+    They stay, if they are as good as they were, or else the law goes on from there.
     Where they are no better, learning was not the cause.
     """
     if burst or error > HELPS * g.failed:
         take_weights(c, law, c.kept.aside, earlier=False)
         learn_on(c, law, g)
-        c.stage.growth = again = Growth(g.weights, g.wait, g.late)
+        c.stage.growth = again = Growth(g.weights, g.wait)
         keep_least(again, c.kept.aside, g.failed, speed)
         again.left = g.wait
         return
-    before, g.late, g.good = g.late, True, error
-    if not before or error > AS_GOOD * g.least:
+    g.good = error
+    if error > AS_GOOD * g.least:
         keep_least(g, g.weights, error, speed)
         learn_on(c, law, g)
         return
@@ -324,6 +339,8 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
         kept.recall.ticks = 0
     if guard.ticks == 0 and c.is_given:
         doubt_dynamics(c, guard.error)
+    if guard.ticks == 0:
+        doubt_outgrown(c, law)
     if guard.held > 0 or law.caution > CAUTIOUS * (law.sigma * law.sigma):
         move_offset(c, law, guard.drift)
     if guard.held == 0 and guard.ticks == 0:

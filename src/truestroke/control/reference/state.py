@@ -48,7 +48,6 @@ class Growth:
 
     weights: FloatArray  # with the least error
     wait: int  # blocks: of the next hold
-    late: bool = False  # the law has a third pole
     ticks: int = 0  # of this block so far,
     windows: int = 0  # and windows
     speed: float = 0.0  # um^2/s^2: sum of zdot_d^2 in it,
@@ -80,6 +79,7 @@ class FirstResonance:
     trial: bool = False  # or has not been better than before yet
     doubt: float = 0.0  # error over the range that the dynamics of the settings leave,
     doubted: int = 0  # and windows in which it has not fallen
+    widest: float = 0.0  # um: range of the motion so far, while the stage is known
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
     since: int = 0  # from this one on,
     z: tuple[float, float] = (0.0, 0.0)  # um: and the last two measurements, the newer first
