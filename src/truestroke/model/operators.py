@@ -69,8 +69,8 @@ def play_history(x: npt.ArrayLike, r: npt.ArrayLike, y0: npt.ArrayLike | None = 
     x, r = np.asarray(x, dtype=np.float64), np.asarray(r, dtype=np.float64)
     states = np.empty((x.size, r.size))
     y = np.zeros(r.size) if y0 is None else np.asarray(y0, dtype=np.float64)
-    for k in range(x.size):
-        states[k] = y = play(x[k], r, y)
+    for state, least, most in zip(states, x[:, np.newaxis] - r, x[:, np.newaxis] + r, strict=True):
+        y = np.maximum(least, np.minimum(most, y, out=state), out=state)  # (1): `play` of a tick, for half
     return states
 
 
