@@ -275,7 +275,7 @@ def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path) -
     core = "m4" if exported.name == "single" else "m7"
     folder = ROOT / "examples/cortex-m"
     texts, options = [*exported.rglob("*.[ch]"), *folder.iterdir()], ["CC=arm-none-eabi-gcc", "OPTIMISED=-O1"]
-    arguments = ["-f", str(folder / "Makefile"), f"EXPORT={exported}", "OUT=.", *options, f"{core}.run"]
+    arguments = ["-f", str(folder / "Makefile"), f"EXPORT={exported}", "OUT=.", *options, f"{core}.elf", f"{core}.run"]
     done = made_once(tmp_path, arguments, options, sorted(texts), [tmp_path / f"{core}.elf"])
     assert "passed: 400 of 400 commands have the same bits" in done.stdout, done.stdout + done.stderr
 
