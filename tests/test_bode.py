@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from click.testing import CliRunner
 
 from truestroke import AdaptiveController, Dynamics, DynamicsError, SettingError, Timing, measure_bode, measure_dynamics
 from truestroke.cli import main
-from truestroke.identification.dynamics.fit import pulse_transfer
+from truestroke.identification.dynamics import bode
+from truestroke.identification.dynamics.fit import Fit, pulse_transfer
 from truestroke.model.dynamics import Mode
 from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 
@@ -152,6 +154,19 @@ def test_hysteresis_far_below_the_resonance_does_not_spoil_the_stage(
         assert mode.damping == pytest.approx(damping, rel=0.1)
         assert mode.share == pytest.approx(share, rel=0.05)
     assert found.dynamics.dead_time * modes[0][0] == pytest.approx((dead - 0.5) / rate * modes[0][0], abs=0.02)
+
+
+def test_what_is_too_early_by_its_last_digit_alone_is_not_refused() -> None:
+    """-2.5000000000000005e-05 s for half a tick at 20 kHz: a delay plus what it is too early was such a sum."""
+    used = SimpleNamespace(frequency=np.array([8.0, 9000.0]))
+    for early in np.linspace(0.5, 0.9, 400):
+        fit = Fit(
+            frequency=np.array([68.0]), damping=np.array([0.01]), share=np.ones(1), lag=1e-3, delay=-early / 20_000.0,
+            hysteresis=(0.0, 1.0, 0.0), gain=1.0, deviations=dict.fromkeys(("frequency[0]", "damping[0]"), 1e-4),
+            response=np.ones(1, complex), measured=np.ones(1, complex), cost=1.0, numbers=1, x=np.zeros(1),
+        )  # fmt: skip
+        found = bode._dynamics(fit, SimpleNamespace(sample_rate=20_000.0), used, 0.0, 0.0)
+        assert found.dead_time == -0.5 / 20_000.0
 
 
 def test_the_gain_is_seen_where_bias_and_safe_voltage_are_one() -> None:

@@ -1,6 +1,7 @@
 """The kernel is the NumPy text: to the last bit in double, within a stated bound in single; it lives through rest."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -25,29 +26,37 @@ STAGE = Dynamics(
     sensor_bandwidth=700.0,
 )
 PLAIN = {"creep_times": (), "lag": False, "offset": False, "asymmetry": 0}  # no terms but the plays
-SETTINGS = {
-    "paper": ControllerSettings.paper(**BASIC),
-    "default": ControllerSettings(**BASIC),
-    "no terms": ControllerSettings(**BASIC, **PLAIN),
-    "rls with terms": ControllerSettings(**BASIC, law="rls", plays=8),
-    "slow": ControllerSettings(**BASIC | {"sample_rate": 200.0}, slew_limit=40.0),
-    "soon back": ControllerSettings(
+MADE = {
+    "paper": lambda: ControllerSettings.paper(**BASIC),
+    "default": lambda: ControllerSettings(**BASIC),
+    "no terms": lambda: ControllerSettings(**BASIC, **PLAIN),
+    "rls with terms": lambda: ControllerSettings(**BASIC, law="rls", plays=8),
+    "slow": lambda: ControllerSettings(**BASIC | {"sample_rate": 200.0}, slew_limit=40.0),
+    "soon back": lambda: ControllerSettings(
         **BASIC, plays=5, rate_dependent=(1, 4), prior_return_time=0.02, change_share=1.0, asymmetry=1
     ),
-    "at once, trimmed": ControllerSettings(**BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)),
-    "one play": ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
-    "stage": ControllerSettings(**BASIC, dynamics=STAGE),
-    "fed back": ControllerSettings(
+    "at once, trimmed": lambda: ControllerSettings(
+        **BASIC, smoothing_time=0.0, trim_rate=20.0, slope_limits=(7.0, 9.0)
+    ),
+    "one play": lambda: ControllerSettings.paper(**BASIC, plays=1, forgetting=1.0),
+    "stage": lambda: ControllerSettings(**BASIC, dynamics=STAGE),
+    "fed back": lambda: ControllerSettings(
         **BASIC, dynamics=Dynamics(sample_rate=2000.0, modes=(Mode(frequency=200.0, damping=0.02),)), hum=(50.0,)
     ),
-    "limits too wide": ControllerSettings(**BASIC | {"voltage_limits": (-10.0, 10.0)}, prior_return_time=0.5),
-    "late sensor": ControllerSettings(**BASIC, sensor_delay=1.7e-3, sensor_bandwidth=300.0, resonance=400.0),
-    "one of three axes": ControllerSettings(**BASIC, other_axes=2, plays=9),
-    "beside one, stage": ControllerSettings(**BASIC, other_axes=1, dynamics=STAGE),
-    "dead zones": ControllerSettings(
+    "limits too wide": lambda: ControllerSettings(**BASIC | {"voltage_limits": (-10.0, 10.0)}, prior_return_time=0.5),
+    "late sensor": lambda: ControllerSettings(**BASIC, sensor_delay=1.7e-3, sensor_bandwidth=300.0, resonance=400.0),
+    "one of three axes": lambda: ControllerSettings(**BASIC, other_axes=2, plays=9),
+    "beside one, stage": lambda: ControllerSettings(**BASIC, other_axes=1, dynamics=STAGE),
+    "dead zones": lambda: ControllerSettings(
         **BASIC, dead_zone_thresholds=(0.0, 12.0, 20.0), dead_zone_weights=(1.0, -0.05, 0.03), offset=False
     ),
 }
+
+
+@functools.cache
+def settings_of(name):
+    """Made when a test wants them: to design a feedback takes as long as to collect all tests of this file."""
+    return MADE[name]()
 
 
 def random_wave(rng, ticks, swing=13.0):
@@ -84,12 +93,12 @@ def assert_same(text, kernel, when="", whole=True):
 # ---- Kernel equals NumPy ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize("name", MADE)
 def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     """Limits, guard, NaN, spikes, a change, missing, late and repeated measurements, nonsense that leads to the limits,
     hold, rest, start, new settings: voltage, weights, innovation, flags every tick; all that both show every tenth."""
     rng = np.random.default_rng(len(name))
-    kernel, text = AdaptiveController.from_settings(SETTINGS[name]), ReferenceController(SETTINGS[name])
+    kernel, text = AdaptiveController.from_settings(settings_of(name)), ReferenceController(settings_of(name))
     z_d, zdot_d = random_wave(rng, 2500, swing=16.0)
     z_d[300:320] += 60.0  # saturation
     zdot_d[400:420] *= 1e4  # singularity: the guard
@@ -101,7 +110,7 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     ago_most = 5 if name == "slow" else 67
     for k in range(z_d.size):
         known = [(), (30.0 * zdot_d[k],), (None, z_d[k] + 1e-3 * zdot_d[k])][k // 10 % 3]
-        others = SETTINGS[name].other_axes
+        others = settings_of(name).other_axes
         taken = 0.5 * z_d[k] * np.cos(0.3 * k + np.arange(3.0 * others)) * np.tile([1.0, 1e2, 1e4], others)
         among = {"others": taken.tolist()} if others and k % 7 else {}
         x = kernel.command(z_d[k], zdot_d[k], *known, **among)
@@ -154,8 +163,8 @@ def test_single_precision_is_within_its_bound(seed) -> None:
     rng = np.random.default_rng(seed)
     z_d, zdot_d = random_wave(rng, 10_000)
     noise = 0.02 * rng.standard_normal(z_d.size)
-    double, error = closed_loop(AdaptiveController.from_settings(SETTINGS["paper"]), z_d, zdot_d, noise)
-    settings = dataclasses.replace(SETTINGS["paper"], precision="single")
+    double, error = closed_loop(AdaptiveController.from_settings(settings_of("paper")), z_d, zdot_d, noise)
+    settings = dataclasses.replace(settings_of("paper"), precision="single")
     single, error_single = closed_loop(AdaptiveController.from_settings(settings), z_d, zdot_d, noise)
     assert np.max(np.abs(single - double)) < 0.05
     assert np.sqrt(np.mean(error_single[5000:] ** 2)) < 1.1 * np.sqrt(np.mean(error[5000:] ** 2)) + 0.001
@@ -170,7 +179,7 @@ def test_every_variant_of_the_kernel_gives_the_same_bits(name) -> None:
     try:
         for variant in _kernel.variants():
             _kernel.use_variant(variant)
-            controller = AdaptiveController.from_settings(SETTINGS[name])
+            controller = AdaptiveController.from_settings(settings_of(name))
             volts = controller.process(z_d, zdot_d, z_d + 0.3 * np.sin(np.arange(z_d.size)))
             states[variant] = controller.state() | {"volts": volts}
     finally:
@@ -192,7 +201,7 @@ def test_every_variant_of_the_kernel_gives_the_same_bits(name) -> None:
 def test_a_block_is_sample_by_sample_and_a_saved_run_goes_on(name, precision, ago) -> None:
     """To the last bit; blocks of uneven length, saved and restored between them."""
     rng = np.random.default_rng(5)
-    settings = dataclasses.replace(SETTINGS[name], precision=precision)
+    settings = dataclasses.replace(settings_of(name), precision=precision)
     z_d, zdot_d = random_wave(rng, 700)
     measured = z_d + 0.5 * rng.standard_normal(z_d.size)
     measured[rng.random(z_d.size) < 0.05] = np.nan
@@ -236,7 +245,7 @@ def inputs(kind, rng):
 @pytest.mark.parametrize("kind", ["zero", "constant", "NaN-laced sine"])
 def test_twenty_minutes_leave_every_state_finite_and_the_law_alive(kind, name, precision) -> None:
     rng = np.random.default_rng(9)
-    controller = AdaptiveController.from_settings(dataclasses.replace(SETTINGS[name], precision=precision))
+    controller = AdaptiveController.from_settings(dataclasses.replace(settings_of(name), precision=precision))
     z_d, zdot_d, measured = inputs(kind, rng)
     for _ in range(MINUTES_20 // z_d.size):
         controller.process(z_d, zdot_d, measured)
@@ -278,7 +287,7 @@ def test_after_rest_the_law_follows_again(z_rest, name, bound, precision, minute
     With P as printed the law stopped for good: in double after two minutes, in single after 0.2 s.
     """
     rng = np.random.default_rng(4)
-    controller = AdaptiveController.from_settings(dataclasses.replace(SETTINGS[name], precision=precision))
+    controller = AdaptiveController.from_settings(dataclasses.replace(settings_of(name), precision=precision))
     wave = random_wave(rng, 4000)
     rest = np.full(int(minutes * 120_000), z_rest), np.zeros(int(minutes * 120_000))
     memory = 0.0
@@ -296,7 +305,7 @@ def test_any_law_goes_in_the_loop_and_learns() -> None:
     """LMS on the published stack ends below a tenth of where it began; on hold it does not learn."""
     rng = np.random.default_rng(2)
     z_d, zdot_d = random_wave(rng, 3000)
-    settings = SETTINGS["paper"]
+    settings = settings_of("paper")
     controller = ReferenceController(settings, LMS(settings.initial_weights, step_size=0.5))
     _, error = closed_loop(controller, z_d, zdot_d, np.zeros(z_d.size))
     held = ReferenceController(settings, LMS(settings.initial_weights))
@@ -307,7 +316,7 @@ def test_any_law_goes_in_the_loop_and_learns() -> None:
 
 
 def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
-    controller = ReferenceController(SETTINGS["default"])
+    controller = ReferenceController(settings_of("default"))
     controller.command(10.0, 0.0)
     before = observed(controller)
     with pytest.raises(SettingError, match="zdot_d = nan um/s: must be finite"):
@@ -315,6 +324,6 @@ def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
     for ours, theirs in zip(observed(controller), before, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     with pytest.raises(SettingError, match="precision = 'single'"):
-        ReferenceController(dataclasses.replace(SETTINGS["default"], precision="single"))
+        ReferenceController(dataclasses.replace(settings_of("default"), precision="single"))
     with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be 39 numbers"):
-        ReferenceController(SETTINGS["default"], RLS([5.0, 0.0]))
+        ReferenceController(settings_of("default"), RLS([5.0, 0.0]))

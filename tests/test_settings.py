@@ -133,7 +133,6 @@ OTHERS = {
     "dynamics": STAGE,
     "sensor_delay": 2.5e-4,
     "hum": (50.0,),
-    "feedback": design(STAGE, stroke=25.0),
     "plays": 23,
     "thresholds": tuple(np.linspace(0.0, 2.0, 26)),
     "rate_dependent": (0, 3, 6, 9, 13),
@@ -154,6 +153,8 @@ def other(settings: ControllerSettings, name: str) -> ControllerSettings:
         changed = tuple(0.9 * w for w in value)
     elif name == "prior_covariance":
         changed = tuple(tuple(0.9 * entry for entry in row) for row in value)
+    elif name == "feedback":
+        changed = design(STAGE, stroke=25.0)
     elif name in OTHERS:
         changed = OTHERS[name]
     else:

@@ -333,7 +333,8 @@ class Controller:
             f"# REM E-727.3CD (fake) \n# \n# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = {len(tables)} \n"
             f"# SAMPLE_TIME = {self.record_rate * CYCLE:.6f} \n# NDATA = {n} \n# \n{names}# \n# END_HEADER \n"
         )
-        return head + " \n".join(" ".join(f"{x:.6f}" for x in row) for row in rows) + "\n"
+        line = " ".join(["%.6f"] * len(tables))
+        return head + " \n".join([line] * len(rows)) % tuple(rows.ravel().tolist()) + "\n"
 
 
 # ---- Sockets -------------------------------------------------------------------------------------------------------
@@ -404,7 +405,8 @@ def serve(path: str) -> None:
                     break
                 if fault == "silent":
                     break
-                time.sleep(1.0 if fault == "late" else controller.delay)
+                if late := 1.0 if fault == "late" else controller.delay:
+                    time.sleep(late)
                 answer = "?!\n" if fault == "garbage" else answer
                 if answer is not None:
                     with contextlib.suppress(OSError):  # the other end is gone

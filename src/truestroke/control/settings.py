@@ -663,8 +663,12 @@ class ControllerSettings(Displayed, Layout):
 
     def to_dict(self) -> dict[str, float | str | Sequence[float]]:
         """All settings by name, as plain numbers and tuples, for a recording or a file."""
-        values = dataclasses.asdict(self)
-        return {name: values[name] for name in SETTINGS}
+        values: dict[str, Any] = {name: getattr(self, name) for name in SETTINGS}
+        within = {name: v for name, v in values.items() if isinstance(v, Dynamics | Feedback)}
+        return values | {name: dataclasses.asdict(v) for name, v in within.items()}  # of all: it copies each number
+
+    def __deepcopy__(self, _: dict[int, Any]) -> ControllerSettings:
+        return self  # nothing in it changes; a copy of a controller copied each number of the prior
 
     @classmethod
     def paper(

@@ -313,8 +313,8 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
         J = data.derivative(s, rows[:, :-1], kept, c)
         residual = measured - kept
         weight = max(uncertainty.white_variance(residual), (QUIET * model.stroke) ** 2)
-        pulled = np.vstack([normal.reduced(np.column_stack([J, residual + J @ c])), prior.rows(weight)])
-        c = normal.solve(pulled, *data.constraints(s, velocity))
+        shown = normal.reduced(np.column_stack([J, residual + J @ c]))
+        c = normal.solve(prior.rows(weight), *data.constraints(s, velocity), above=shown)
     made = data.model(s, c, velocity)
     residual = measured - data.through(made.strain(data.volts, fs))[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, prior, weight)

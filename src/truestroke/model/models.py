@@ -291,7 +291,8 @@ def asymmetry_terms(z_d: float | FloatArray, stroke: float) -> tuple[FloatArray,
     >>> [float(term) for term in asymmetry_terms(7.5, 30.0)]
     [0.75, 0.75]
     """
-    s = np.minimum(np.maximum(z_d / stroke, -1.0), 2.0)
+    s: Any = z_d / stroke
+    s = min(max(s, -1.0), 2.0) if isinstance(s, float) else np.minimum(np.maximum(s, -1.0), 2.0)
     first = 4 * s * (1 - s)
     return first, 2 * first * (1 - 2 * s)
 
@@ -341,18 +342,21 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
     counts = layout.counts
     if not any(counts.values()):
         return np.zeros(0)
-    others = [*zip(*motion.others, strict=True)] or np.zeros((3, layout.other_axes, *np.shape(motion.z_d)))
+    one_tick = isinstance(motion.z_d, float)  # plain floats make an array sooner
+    others: Any = [*zip(*motion.others, strict=True)]
+    if not others:
+        others = [()] * 3 if not layout.other_axes else np.zeros((3, layout.other_axes, *np.shape(motion.z_d)))
     terms: dict[str, Sequence[Any] | FloatArray] = {
-        "creep": creep,
+        "creep": np.asarray(creep).tolist() if one_tick else creep,
         "lag": [motion.zdot_d],
         "inertia": [motion.zddot_d],
-        "offset": [np.ones_like(motion.z_d)] if np.ndim(motion.z_d) else [1.0],
+        "offset": [1.0] if one_tick else [np.ones_like(motion.z_d)],
         "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke) if counts["asymmetry"] else (),
         "coupling": others[0],
         "coupling_lag": others[1],
         "coupling_inertia": others[2],
     }
-    return np.array([entry for name, count in counts.items() for entry in terms[name][:count]])
+    return np.array([entry for name, count in counts.items() if count for entry in terms[name][:count]])
 
 
 # ---- Models ------------------------------------------------------------------------------------------------------

@@ -69,8 +69,8 @@ def play_history(x: npt.ArrayLike, r: npt.ArrayLike, y0: npt.ArrayLike | None = 
     x, r = np.asarray(x, dtype=np.float64), np.asarray(r, dtype=np.float64)
     states = np.empty((x.size, r.size))
     y = np.zeros(r.size) if y0 is None else np.asarray(y0, dtype=np.float64)
-    for k in range(x.size):
-        states[k] = y = play(x[k], r, y)
+    for state, least, most in zip(states, x[:, np.newaxis] - r, x[:, np.newaxis] + r, strict=True):
+        y = np.maximum(least, np.minimum(most, y, out=state), out=state)  # (1): `play` of a tick, for half
     return states
 
 
@@ -99,12 +99,15 @@ def dead_zone(y: npt.ArrayLike, d: npt.ArrayLike) -> FloatArray:
     array([[-3.,  0.,  0.],
            [15.,  3.,  0.]])
     """
+    if isinstance(y, float):  # of one tick: the same bits without arrays between
+        return np.array([max(y - zone, 0.0) if zone > 0 else y for zone in np.asarray(d, dtype=np.float64).tolist()])
     y, d = np.asarray(y, dtype=np.float64)[..., np.newaxis], np.asarray(d, dtype=np.float64)
     return np.where(d > 0, np.maximum(y - d, 0.0), y)
 
 
 LANES = 8
 """Interleaved sums in which all sums of products run: TS_LANES of the kernel."""
+FEW = 5  # blocks of so many lanes, of which plain floats have the sum sooner than arrays
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -132,13 +135,17 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """
     products = a * b
     *outer, n = products.shape
-    if not outer and n <= LANES:  # a sum a lane
-        return _total([*products.tolist(), *[0.0] * (LANES - n)])
     blocks = max(1, -(-n // LANES))
+    if not outer and blocks <= FEW:  # plain floats have the same sums in half the time
+        values = [*products.tolist(), *[0.0] * (blocks * LANES - n)]
+        sums = values[:LANES]
+        for k in range(LANES, len(values)):
+            sums[k % LANES] += values[k]
+        return _total(sums)
     padded = np.zeros((*outer, blocks * LANES))
     padded[..., :n] = products
     lanes: FloatArray = np.add.reduce(padded.reshape(*outer, blocks, LANES), axis=-2)  # row by row
-    if not outer:  # plain floats have the same sum in half the time
+    if not outer:
         return _total(lanes.tolist())
     for half in (4, 2, 1):
         lanes = lanes[..., :half] + lanes[..., half:]

@@ -331,16 +331,22 @@ def versions() -> dict[str, str]:
     >>> sorted(versions().keys() - {"commit"})
     ['numpy', 'platform', 'python', 'truestroke']
     """
-    from importlib.metadata import version
-
     commit = _commit()
     return {
-        "truestroke": version("truestroke"),
+        "truestroke": _version(),
         "numpy": np.__version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         **({"commit": commit} if commit else {}),
     }
+
+
+@functools.cache
+def _version() -> str:
+    """Of what is installed; to read it takes a tenth of a short run."""
+    from importlib.metadata import version
+
+    return version("truestroke")
 
 
 @functools.cache

@@ -4,8 +4,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST
@@ -62,10 +60,14 @@ def ahead_of_found(c: State, path: Stage, zdot_d: float, zddot_d: float, tick: i
     return float(path.lead[0] * zdot_d + c.oscillation.tick * (of_change + of_jerk + of_snap))
 
 
+def wanted(c: State, motion: Motion) -> float:
+    """(11), the stage, the trim, the feedback and the bumpless transfer, um."""
+    return float(through_dead_zones(c, motion.z_d) + motion.ahead + c.integral + c.feedback + c.bumpless + c.handed)
+
+
 def wanted_of_plays(c: State, motion: Motion) -> float:
-    """(11), the stage, the trim, the feedback and the bumpless transfer, less the known terms, um."""
-    wanted = through_dead_zones(c, motion.z_d) + motion.ahead + c.integral + c.feedback + c.bumpless + c.handed
-    return float(wanted) - of_known_terms(c, motion)
+    """The same less the known terms, um."""
+    return wanted(c, motion) - of_known_terms(c, motion)
 
 
 def rate_dependent_slopes(c: State, zdot_d: float) -> tuple[FloatArray, bool]:
@@ -78,7 +80,7 @@ def rate_dependent_slopes(c: State, zdot_d: float) -> tuple[FloatArray, bool]:
 def slopes_at(c: State, zdot_d: float) -> FloatArray:
     """Partial sums of w_h at this rate, um/V."""
     a, b = c.settings.of_all_plays(c.law.weights)
-    slopes: FloatArray = np.cumsum(a + c.settings.rate_scale * zdot_d * b)
+    slopes: FloatArray = (a + c.settings.rate_scale * zdot_d * b).cumsum()
     return slopes
 
 

@@ -27,6 +27,7 @@ from truestroke.control.reference.command import (
     others_of,
     rate_dependent_slopes,
     sum_of_plays,
+    wanted,
     wanted_of_plays,
     within_limits,
 )
@@ -205,7 +206,8 @@ class ReferenceController(Displayed):
             else strain_d - z_d
         )
         motion = Motion(z_d, zdot_d, zddot_d, ahead, moving)
-        y_d = wanted_of_plays(c, motion)  # (11)
+        known = of_known_terms(c, motion)
+        y_d = wanted(c, motion) - known  # (11)
         c.slopes, c.projected = rate_dependent_slopes(c, zdot_d)  # (7)
         x = within_limits(c, play_inverse(y_d, c.slopes, c.thresholds, c.now.play))  # (12)
         remember_voltage(c, c.now, x)  # (1)
@@ -215,7 +217,7 @@ class ReferenceController(Displayed):
         c.last = Command(x, motion, c.saturated or c.slewed)
         if c.filtering is not None:
             tick = c.counters["commands"]
-            c.stage.strain[tick] = sum_of_plays(c) + of_known_terms(c, motion)
+            c.stage.strain[tick] = sum_of_plays(c) + known
             c.stage.strain.pop(tick - HISTORY, None)
             if c.path is not None:
                 c.path.strain[tick] = c.stage.strain[tick]

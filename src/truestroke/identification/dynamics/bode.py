@@ -305,7 +305,7 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
         sample_rate=rate,
         modes=_modes(fit),
         amplifier_bandwidth=1 / (2 * math.pi * lag) if lag > 0 else 0.0,
-        dead_time=fit.delay + early / rate,
+        dead_time=max(fit.delay, EARLIEST / rate),  # of both: a sum may be too early by its last digit
         sensor_delay=sensor_delay,
         sensor_bandwidth=sensor_bandwidth,
         uncertainty={names.get(name, name): value for name, value in fit.deviations.items()},

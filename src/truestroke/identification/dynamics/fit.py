@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -124,14 +125,16 @@ def pulse_transfer(pole: complex, delay: float, z: ComplexArray) -> ComplexArray
     corners = (end, 1.0), (end - 1, -1.0), (end - width, -1.0), (end - 1 - width, 1.0)
     first, later = 1 - math.ceil(end), math.ceil(1 + width - end)
     entries = np.array([sum(sign * _ramp(pole, n + t) for t, sign in corners) for n in range(first, later)]) / width
-    rest = sum(sign * np.exp(pole * (later + t)) for t, sign in corners) / (pole**2 * width)
+    rest = sum(sign * cmath.exp(pole * (later + t)) for t, sign in corners) / (pole**2 * width)
     one = 1 / z
-    powers = one[:, None] ** np.arange(first, later)
-    return np.asarray(powers @ entries + one**later * rest / (1 - np.exp(pole) * one))
+    made = rest / (1 - cmath.exp(pole) * one)
+    for entry in entries[::-1]:  # by Horner: powers of so many complex numbers take five times as long
+        made = made * one + entry
+    return np.asarray(made * one**first)
 
 
 def _ramp(pole: complex, t: float) -> complex:
-    return complex((np.exp(pole * t) - 1 - pole * t) / pole**2) if t > 0 else 0j
+    return (cmath.exp(pole * t) - 1 - pole * t) / pole**2 if t > 0 else 0j
 
 
 def small_hysteresis(f: FloatArray, numbers: tuple[float, float, float], last: float) -> ComplexArray:
@@ -141,7 +144,8 @@ def small_hysteresis(f: FloatArray, numbers: tuple[float, float, float], last: f
     first-order lag with a corner of beta E|dx/dt|. Creep is logarithmic in time, a power of the frequency.
     """
     part, corner, creep = numbers
-    return np.asarray((1 + part / (1 + 1j * f / corner)) * (1j * f / last) ** -creep)
+    power = (f / last) ** -creep * np.exp(-0.5j * math.pi * creep)  # of 1j f / last: a complex power takes longer
+    return np.asarray((1 + part / (1 + 1j * f / corner)) * power)
 
 
 class Problem:
@@ -163,14 +167,14 @@ class Problem:
     def solve(self, x: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray]:
         """Weighted residual, the linear numbers, and the response to each of the static parts."""
         basis = self.basis(x)
-        regressors = np.concatenate([basis * self.s.U[:, None], self.transients(x)], axis=1)
-        regressors *= self.weight[:, None]
-        scale = np.linalg.norm(regressors, axis=0)
-        regressors /= scale
-        # The real and the imaginary part of each line are two equations. Sums of few columns: faster without threads.
-        gram = np.einsum("ki,kj->ij", regressors.conj(), regressors).real + 1e-12 * np.eye(scale.size)
-        linear = np.linalg.solve(gram, np.einsum("ki,k->i", regressors.conj(), self.target).real)
-        rest = self.target - np.einsum("ki,i->k", regressors, linear)
+        rows = np.concatenate([(basis * self.s.U[:, None]).T, self.transients(x).T]) * self.weight
+        # The real and the imaginary part of each line are two equations. Sums of few rows: faster without threads.
+        numbers, target = rows.view(np.float64), self.target.view(np.float64)
+        scale = np.sqrt(np.einsum("ik,ik->i", numbers, numbers))
+        numbers /= scale[:, None]
+        gram = np.einsum("ik,jk->ij", numbers, numbers) + 1e-12 * np.eye(scale.size)
+        linear = np.linalg.solve(gram, np.einsum("ik,k->i", numbers, target))
+        rest = self.target - np.einsum("i,ik->k", linear, rows)
         return _real(rest), linear / scale, basis
 
     def basis(self, x: FloatArray) -> ComplexArray:

@@ -77,37 +77,57 @@ class Prior:
         return Prior(self.mean[columns], self.covariance[np.ix_(columns, columns)])
 
 
-def reduced(rows: FloatArray) -> FloatArray:
-    """R of the QR decomposition: the same sums of squares in as many rows as there are columns."""
+def reduced(rows: FloatArray, above: FloatArray | None = None) -> FloatArray:
+    """R of the QR decomposition: the same sums of squares in as many rows as there are columns.
+
+    Of `above`, an R of other rows, and these where it is given: half the work of both as rows.
+    """
     from scipy.linalg.lapack import dtpqrt
 
     columns = rows.shape[1]
-    R = np.zeros((columns, columns), order="F")
+    R = np.zeros((columns, columns), order="F") if above is None else np.array(above, order="F")
     for start in range(0, len(rows), CHUNK):
         R, *_ = dtpqrt(0, min(BLOCK, columns), R, rows[start : start + CHUNK], overwrite_a=1)
     return np.asarray(R)
 
 
-def solve(rows: FloatArray, G: FloatArray | None = None, floor: float | FloatArray = 0.0) -> FloatArray:
+def solve(
+    rows: FloatArray,
+    G: FloatArray | None = None,
+    floor: float | FloatArray = 0.0,
+    *,
+    above: FloatArray | None = None,
+) -> FloatArray:
     """Coefficients c that minimise the sum of squares of A c - t, rows = [A | t], subject to G c >= floor.
 
     The unconstrained solution is taken where it is admissible. Elsewhere it is a least distance problem, and so
-    non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23).
+    non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23). `above` is as
+    `reduced` has it.
     """
-    R = reduced(rows)
+    R = reduced(rows, above)
     m = R.shape[1] - 1
-    R, t = R[:m, :m], R[:m, m]
-    c = np.linalg.solve(R, t)
+    R, t = np.asfortranarray(R[:m, :m]), R[:m, m]
+    c = triangular(R, t)
     if G is None or np.all(G @ c >= floor):
         return np.asarray(c)
     from scipy.optimize import nnls
 
-    H = np.linalg.solve(R.T, G.T)  # A c - t = s, G c = H's + G c_free
+    H = triangular(R, G.T, transposed=True)  # A c - t = s, G c = H's + G c_free
     need = floor - G @ c
     E = np.vstack([H, need])
     u, _ = nnls(E, np.append(np.zeros(m), 1.0))
     residual = E @ u - np.append(np.zeros(m), 1.0)
-    return np.asarray(c + np.linalg.solve(R, -residual[:m] / residual[m]))
+    return c + triangular(R, -residual[:m] / residual[m])
+
+
+def triangular(R: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:
+    """x of R x = right, or of R' x = right, for an upper triangle R."""
+    from scipy.linalg.lapack import dtrtrs
+
+    x, zero = dtrtrs(R, right, trans=int(transposed))
+    if zero:
+        raise np.linalg.LinAlgError(f"row {zero} of the triangle is 0")
+    return np.asarray(x)
 
 
 def sum_of_squares(rows: FloatArray, c: FloatArray) -> float:

@@ -151,6 +151,14 @@ class _Blocks:
     rows: int
     data: Data
     _pulls: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
+    _within: dict[Structure, tuple[FloatArray, ...]] = field(default_factory=dict, init=False)
+
+    def within(self, s: Structure) -> tuple[FloatArray, ...]:
+        """`before` of the columns of a structure, reduced once for all weights of the prior."""
+        if s not in self._within:
+            columns = np.append(s.columns_in(self.full), -1)
+            self._within[s] = tuple(normal.reduced(before[:, columns]) for before in self.before)
+        return self._within[s]
 
     def pull(self, s: Structure, weight: float) -> FloatArray:
         """Rows that pull the coefficients to the prior."""
@@ -160,12 +168,10 @@ class _Blocks:
 
     def rmse(self, s: Structure, weight: float) -> float:
         """Of each block as the fit to all before it predicts it, um."""
-        places = s.columns_in(self.full)
-        pull = self.pull(s, weight)
-        columns = np.append(places, -1)
+        pull, columns = self.pull(s, weight), np.append(s.columns_in(self.full), -1)
         total = 0.0
-        for left_out, before in zip(self.left_out, self.before, strict=True):
-            c = normal.solve(np.vstack([before[:, columns], pull]))
+        for left_out, before in zip(self.left_out, self.within(s), strict=True):
+            c = normal.solve(pull, above=before)
             total += normal.sum_of_squares(left_out[:, columns], c)
         return float(np.sqrt(total / self.rows))
 
@@ -180,8 +186,8 @@ class _Blocks:
         quarter = self.rows / len(self.means) * self.data.every / self.data.sample_rate
         squares = seconds = 0.0
         steps: dict[int, list[float]] = {1: [], 2: []}
-        for k, before in enumerate(self.before):
-            c = normal.solve(np.vstack([before[:, columns], pull]))
+        for k, before in enumerate(self.within(s)):
+            c = normal.solve(pull, above=before)
             errors = self.means[QUARTERS * k :, columns] @ np.append(c, -1.0)
             blocks = errors.reshape(-1, QUARTERS).mean(axis=1)
             squares += float(blocks @ blocks)
@@ -198,12 +204,14 @@ def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
     start, rows = normal.reduced(rows[data.fitted(s.rested) & ~late]), rows[late]
     blocks = np.array_split(rows, BLOCKS)
     parts = tuple(normal.reduced(part) for part in blocks)
-    before = tuple(normal.reduced(np.vstack([start, *parts[:k]])) for k in range(FIRST, BLOCKS))
+    before = [normal.reduced(np.vstack([start, *parts[:FIRST]]))]
+    for part in parts[FIRST:-1]:
+        before.append(normal.reduced(part, before[-1]))
     quarters = [
         np.array_split(part, QUARTERS) if len(part) >= QUARTERS else [part] * QUARTERS for part in blocks[FIRST:]
     ]
     means = np.array([part.mean(axis=0) for part in itertools.chain(*quarters)])
-    return _Blocks(s, parts[FIRST:], before, means, sum(len(part) for part in blocks[FIRST:]), data)
+    return _Blocks(s, parts[FIRST:], tuple(before), means, sum(len(part) for part in blocks[FIRST:]), data)
 
 
 def with_this(data: Data, s: Structure, guess: FloatArray, weight: float) -> float:

@@ -47,12 +47,13 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
         Whether the covariance is wanted.
     """
     prior, m = data.prior(s), s.parameters
+    pull = prior.rows(weight)
     c: FloatArray = np.zeros(0)
     z = guess
     for _ in range(STEPS + 1):
         J, target, velocity = _linearised(data, s, z, c)
-        pull = np.vstack([normal.reduced(np.column_stack([J, target])), prior.rows(weight)])
-        c = normal.solve(pull, *data.constraints(s, velocity))
+        shown = normal.reduced(np.column_stack([J, target]))
+        c = normal.solve(pull, *data.constraints(s, velocity), above=shown)
         model = data.model(s, c, velocity)
         strain = model.strain(data.volts, data.sample_rate)
         z = strain + data.starts(s, c[m:])
