@@ -253,7 +253,7 @@ def grows_twice(make):
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_kernel_and_numpy_text_where_an_error_grows() -> None:
-    """Earlier weights are held, and learned on from; the second time they stay: the same bits."""
+    """Earlier weights are held, and learned on from behind a third pole; the second time they stay: the same bits."""
     (kernel, controller), (text, _) = (grows_twice(x) for x in (AdaptiveController.from_settings, ReferenceController))
     assert kernel["volts"].tolist() == text["volts"].tolist()
     assert kernel["flags"].tolist() == text["flags"].tolist()

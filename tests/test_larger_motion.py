@@ -32,7 +32,7 @@ def error_of(known: str, kind: str) -> FloatArray:
     return 100 * (recording["true"] - recording["desired"]) / PEAK
 
 
-@pytest.mark.parametrize(("known", "most"), [("resonance", 0.06), ("dynamics", 0.03), ("nothing", 0.03)])
+@pytest.mark.parametrize(("known", "most"), [("resonance", 0.06), ("dynamics", 0.05), ("nothing", 0.03)])
 def test_what_was_learned_while_the_motion_began_is_corrected_within_half_a_second(known, most) -> None:
     """Sure of what it had learned in its first periods, the law took ten seconds."""
     error = error_of(known, "preisach")
@@ -63,8 +63,8 @@ def test_an_error_that_is_small_shows_no_other_resonance(seed: int, number: int)
     assert error[error.size // 2 :].std() < 0.1
 
 
-def test_a_second_mode_that_a_harmonic_meets_is_not_fitted() -> None:
-    """Without the third pole the law, less sure in a larger motion, drove the second mode to 137 %."""
+def test_a_second_mode_that_a_harmonic_meets_is_not_driven() -> None:
+    """A law that is less sure fits it sooner: it came to 137 % where P returned to the prior as a whole."""
     _, _, error = fast(0, 132, given=False)
     assert np.abs(error[error.size // 4 :]).max() < 20.0
     assert error[error.size // 2 :].std() < 1.2

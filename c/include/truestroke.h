@@ -630,6 +630,7 @@ typedef struct {
     ts_real good;                  /* error of those weights; 0: not known yet */
     ts_real wait;                  /* blocks: of the next hold, */
     ts_real left;                  /* and until this one ends, or until an error may have grown */
+    ts_real late;                  /* 1: the law has a third pole */
 } ts_growth;
 
 /* The stage's first resonance, and the quantities that follow from it; at first from the settings. */

@@ -9,7 +9,7 @@
 #define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
 #define RINGING_RATE 50           /* 1/s: how fast that mean follows */
-#define THIRD ((ts_real)1.2)       /* of the resonance that was found: a third pole of the law, for the modes beyond it */
+#define LATER ((ts_real)1.2)       /* of the resonance that was found: a third pole of the law, where its weights drift */
 #define DAMPS_MOST ((ts_real)0.1) /* of the stroke: what the active damping adds to the command */
 #define LARGE_SWING ((ts_real)0.5) /* of that: so much to one side, and to the other one */
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
@@ -141,7 +141,7 @@ static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y
         r->y = 0;
         r->started = true;
     }
-    ts_real w = 2 * TS_PI * THIRD * c->stage.resonance, pole = w / (1 + w);
+    ts_real w = 2 * TS_PI * LATER * c->stage.resonance, pole = w / (1 + w);
     for (int i = 0; i < c->parameters; i += TS_LANES) {
         lanes before = load(r->u + i);
         store(r->u + i, plus(before, pole, difference(load(u + i), before)));
@@ -161,7 +161,7 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
     k->calm = !dynamics_of(c)->known && c->guard.small > 0;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
-    else if (c->found.known) u = behind_pole(c, u, &y, learn);
+    else if (c->found.known && c->stage.before.growth.late > 0) u = behind_pole(c, u, &y, learn);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
     project_slopes(c);
     c->flags.changed = k->changed;

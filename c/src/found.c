@@ -461,4 +461,5 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     forget_lag(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
+    if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

@@ -10,7 +10,8 @@
 #define MOST_CAUTION ((ts_real)0.1) /* of the motion's range: the largest error that counts as noise after learning has failed */
 #define CAUTIOUS 100                /* times the variance of a measurement: from there on the law follows no drift */
 
-#define WIDER ((ts_real)1.05)       /* times the range of the motion so far: a larger motion */
+#define WIDER ((ts_real)1.05)       /* times the range of the motion so far: a larger motion, */
+#define FOLLOWED ((ts_real)0.02)    /* once the error is less of it: a larger one may be that of another stage */
 
 #define BLOCK ((ts_real)0.25)       /* s: over which an error is taken */
 #define GREW ((ts_real)1.4)         /* times the least of a block: an error that has grown, */
@@ -169,7 +170,7 @@ static void doubt_outgrown(ts_controller *c)
 {
     ts_real range = ts_guard_range(&c->guard, &c->settings->guard), *widest = &c->stage.widest;
     if (!dynamics_of(c)->known) *widest = 0;
-    else if (!(c->guard.held > 0) && range > WIDER * *widest) {
+    else if (!(c->guard.held > 0) && c->guard.error < FOLLOWED && range > WIDER * *widest) {
         *widest = range;
         c->law.kalman.outgrown = true;
     }
@@ -179,9 +180,10 @@ static void doubt_outgrown(ts_controller *c)
 void ts_begin_growth(ts_controller *c, bool first)
 {
     ts_growth *g = &c->stage.before.growth;
-    ts_real wait = first ? FIRST_HOLD : g->wait;
+    ts_real wait = first ? FIRST_HOLD : g->wait, late = first ? 0 : g->late;
     memset(&c->stage.before, 0, sizeof c->stage.before);
     g->wait = wait;
+    g->late = late;
 }
 
 /* The stage is no longer in the model: the weights to be restored are those at their best. */
@@ -234,11 +236,12 @@ static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool ot
     c->counters.restored++;
 }
 
-/* The first block of the held weights: they stay, if they are as good as they were, or else the law goes on from there. Where they
- * are no better, learning was not the cause. */
+/* The first block of the held weights: the law goes on from there with a third pole, unless it had that; then they stay, if they are
+ * as good as they were. Where they are no better, learning was not the cause. */
 static void judge_restored(ts_controller *c, ts_real error, ts_real speed, bool burst)
 {
     ts_growth *g = &c->stage.before.growth;
+    bool before = g->late > 0;
     if (burst || error > HELPS * g->failed) {
         ts_real failed = g->failed;
         take_weights(c, c->kept.aside, false);
@@ -248,8 +251,9 @@ static void judge_restored(ts_controller *c, ts_real error, ts_real speed, bool 
         g->left = g->wait;
         return;
     }
+    g->late = 1;
     g->good = error;
-    if (error > AS_GOOD * g->least) {
+    if (!before || error > AS_GOOD * g->least) {
         keep_least(c, c->stage.newer, error, speed);
         learn_on(c);
         return;

@@ -21,7 +21,7 @@ from truestroke.model.operators import dot
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken
 RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
 RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
-THIRD = 1.2  # of the resonance that was found: a third pole of the law, for the modes beyond it
+LATER = 1.2  # of the resonance that was found: a third pole of the law, where its weights drift
 DAMPS_MOST = 0.1  # of the stroke: what the active damping adds to the command
 LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
@@ -240,7 +240,7 @@ def update_law(
     """One tick of the law: u . w should be y, um."""
     if c.measures_inertia:
         u, y = with_inertia(c, law, u, y, learn=learn)
-    elif c.stage.found:
+    elif c.stage.growth is not None and c.stage.growth.late:
         u, y = behind_pole(c, u, y, learn=learn)
     law.relates = c.path is not None
     law.steady = c.is_given and c.kept.guard.small >= SETTLED
@@ -259,7 +259,7 @@ def behind_pole(c: State, u: FloatArray, y: float, *, learn: bool) -> tuple[Floa
         return u, y
     if r.u is None:
         r.u, r.y = np.zeros(u.size), 0.0
-    w = 2 * math.pi * THIRD * c.stage.resonance
+    w = 2 * math.pi * LATER * c.stage.resonance
     pole = w / (1 + w)
     r.u = r.u + pole * (u - r.u)
     r.y += pole * (y - r.y)

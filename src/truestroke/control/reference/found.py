@@ -242,7 +242,7 @@ def begin_growth(c: State, *, first: bool) -> None:
     if first or before is None:
         c.stage.growth = Growth(c.law.weights, FIRST_HOLD)
     else:
-        c.stage.growth = Growth(before.weights, before.wait)
+        c.stage.growth = Growth(before.weights, before.wait, before.late)
 
 
 def end_growth(c: State) -> None:
@@ -442,6 +442,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
     adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
+    if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
+        c.stage.growth.late = True  # a burst excites the second mode, too
 
 
 def stage_is_shown(c: State, law: FilteringLaw) -> bool:

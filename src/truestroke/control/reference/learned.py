@@ -31,7 +31,8 @@ CAUTIOUS = 100  # times the variance of a measurement: from there on the law fol
 SLOWER = 8  # times as slow as the poles of the oscillation: the pole of the first gain
 SURE = 10  # of a window: for so long a displacement of the floor is as sure as the first gain
 
-WIDER = 1.05  # times the range of the motion so far: a larger motion
+WIDER = 1.05  # times the range of the motion so far: a larger motion,
+FOLLOWED = 0.02  # once the error is less of it: a larger one may be that of another stage
 
 BLOCK = 0.25  # s: over which an error is taken
 GREW = 1.4  # times the least of a block: an error that has grown,
@@ -180,7 +181,7 @@ def doubt_outgrown(c: State, law: FilteringLaw) -> None:
     stage, guard = c.stage, c.kept.guard
     if c.path is None:
         stage.widest = 0.0
-    elif guard.held == 0 and guard.range > WIDER * stage.widest:
+    elif guard.held == 0 and guard.error < FOLLOWED and guard.range > WIDER * stage.widest:
         stage.widest = guard.range
         law.outgrown = True
 
@@ -226,18 +227,18 @@ def judge_growth(
 def judge_restored(c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, burst: bool) -> None:
     """The first block of the held weights.
 
-    They stay, if they are as good as they were, or else the law goes on from there.
+    The law goes on from there with a third pole, unless it had that; then they stay, if they are as good as they were.
     Where they are no better, learning was not the cause.
     """
     if burst or error > HELPS * g.failed:
         take_weights(c, law, c.kept.aside, earlier=False)
         learn_on(c, law, g)
-        c.stage.growth = again = Growth(g.weights, g.wait)
+        c.stage.growth = again = Growth(g.weights, g.wait, g.late)
         keep_least(again, c.kept.aside, g.failed, speed)
         again.left = g.wait
         return
-    g.good = error
-    if error > AS_GOOD * g.least:
+    before, g.late, g.good = g.late, True, error
+    if not before or error > AS_GOOD * g.least:
         keep_least(g, g.weights, error, speed)
         learn_on(c, law, g)
         return

@@ -48,6 +48,7 @@ class Growth:
 
     weights: FloatArray  # with the least error
     wait: int  # blocks: of the next hold
+    late: bool = False  # the law has a third pole
     ticks: int = 0  # of this block so far,
     windows: int = 0  # and windows
     speed: float = 0.0  # um^2/s^2: sum of zdot_d^2 in it,
