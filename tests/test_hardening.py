@@ -148,6 +148,7 @@ BAD_STATES = {
     "innovation_variance": [("innovation_variance", 0, -1.0)],
     "covariance": [("covariance", 0, -1.0), ("covariance", 1, 99.0), ("covariance", 9, np.inf)],
     "change": [("change", 0, 1e9)],
+    "widest_motion": [("widest_motion", 0, -1.0)],
     "since_change": [("since_change", 0, -500)],  # the law waits for a found stage, a period of 40 Hz at most
     "resonance_search": [("resonance_search", 1, 1e-30)],
     "spikes": [("spikes", 0, -(2**31))],

@@ -89,7 +89,7 @@ def test_a_z_stack_of_the_acquisition_engine(core: UniMMCore, tmp_path: Path) ->
         core.mda.run(stack)
     asked, true = np.array(seen[9:]).T
     assert asked.tolist() == np.arange(4.0, 12.5).tolist()
-    assert np.abs(true - asked)[1:].max() < 0.1  # one slope: 1 um and more
+    assert np.abs(true - asked)[1:].max() < 0.12  # one slope: 1 um and more
     assert core.getPosition() == pytest.approx(12.0, abs=0.1)
     assert float(core.getProperty("Z", "Axis volts")) == opened(file).volts("z") > 1.0
 

@@ -96,7 +96,7 @@ def test_a_raster_is_learned_with_a_wrong_resonance_and_a_tick_of_dead_time(freq
     error = np.where(lines, run["true"] - run["desired"], np.nan)
     of_batches = [100 * np.nanstd(error[batch.tick - 3000 : batch.tick]) / 20.0 for batch in controller.batches]
     assert of_batches[5] < 0.05
-    assert of_batches[5] < 0.2 * of_batches[0]
+    assert of_batches[5] < 0.5 * of_batches[0]
     assert max(of_batches) < 1.02 * of_batches[0]
     assert controller.limited == 0
 
@@ -361,7 +361,7 @@ def test_the_best_batch_shows_the_hysteresis_and_earlier_batches_are_described_b
         frequency=frequency, peak_to_peak=20.0, offset=12.0, duration=3.5, sample_rate=10_000.0, turn=0.2
     )
     stage = StagePlant(StageSettings(resonances=(400.0,), dampings=(0.02,), hysteresis_kind="plays"), seed=1)
-    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=404.0, damping=0.02),))
+    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=408.0, damping=0.02),))
     alone = AdaptiveController(sample_rate=10_000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=known)
     controller = RepetitiveController(alone, 1 / frequency)
     truestroke.run(raster, controller, stage)

@@ -164,8 +164,8 @@ static void doubt_dynamics(ts_controller *c, ts_real error)
     c->stage.doubted = error > DOUBT;
 }
 
-/* At the end of a window: where the motion has become larger, the weights are not as sure as they were in a smaller one, whose errors
- * of the stage's model were as small. Without a stage in the model that error is none of the weights'. */
+/* At the end of a window: where the motion has become larger, the weights are not as sure as they seemed. In a smaller one what the
+ * model of the stage misses was as small as the noise, and the law took it for knowledge. */
 static void doubt_outgrown(ts_controller *c)
 {
     ts_real range = ts_guard_range(&c->guard, &c->settings->guard), *widest = &c->stage.widest;

@@ -174,9 +174,9 @@ def doubt_dynamics(c: State, error: float) -> None:
 
 
 def doubt_outgrown(c: State, law: FilteringLaw) -> None:
-    """At the end of a window: where the motion has become larger, the weights are not as sure as they were.
+    """At the end of a window: where the motion has become larger, the weights are not as sure as they seemed.
 
-    In a smaller one the errors of the stage's model were as small. Without a stage that error is none of the weights'.
+    In a smaller one what the model of the stage misses was as small as the noise, and the law took it for knowledge.
     """
     stage, guard = c.stage, c.kept.guard
     if c.path is None:
