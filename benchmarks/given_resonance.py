@@ -6,33 +6,23 @@ True error, % of peak to peak: rms of the second half, and the largest one after
 """
 
 import argparse
-import dataclasses
 import os
-import warnings
 from functools import partial
 from multiprocessing import Pool
 
 import numpy as np
 
-from truestroke import AdaptiveController, run
-from truestroke.control.feasibility import LimitWarning
-from truestroke.plant import StagePlant
-from truestroke.studies.robustness.fast.sample import sample
-
-warnings.simplefilter("ignore", LimitWarning)  # what a motion of the study needs of the voltage is not the question
-FOLLOW = ("slew_limit", "smoothing_time", "filter_frequency", "prior_covariance", "initial_weights")  # the resonance
+from truestroke.studies.robustness.fast import record, sample
 
 
 def errors(run_of: tuple[int, int], times: float) -> tuple[float, float]:
     """rms of the second half and largest error after 0.5 s, % of peak to peak; times 0: nothing is given."""
-    of = sample(*run_of, ["unknown"]).simulation("unknown")
-    settings = of.controller
-    if times > 0:
-        settings = dataclasses.replace(settings, resonance=times * of.plant.resonances[0], **dict.fromkeys(FOLLOW))
-    recording = run(of.trajectory, AdaptiveController.from_settings(settings), StagePlant(of.plant, seed=of.seed))
-    half, late = len(recording["time"]) // 2, round(0.5 * settings.sample_rate)
-    error = 100 * (recording["true"] - recording["desired"]) / np.ptp(recording["desired"][half:])
-    return float(np.sqrt(np.mean(error[half:] ** 2))), float(np.abs(error[late:]).max())
+    of = sample(*run_of, ["unknown"])
+    known = {"resonance": times * of.plant.resonances[0]} if times > 0 else {}
+    recording = record(*run_of, "unknown", **known)
+    error = 100 * (recording["true"] - recording["desired"]) / of.sampled["span"]["unknown"]
+    late = error[round(0.5 * of.plant.sample_rate) :]
+    return float(np.sqrt(np.mean(error[error.size // 2 :] ** 2))), float(np.abs(late).max())
 
 
 def main() -> None:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, run
+from truestroke import AdaptiveController, Recording, run
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import BoundedKalman, KalmanSettings
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals.trajectories import sine
-from truestroke.studies.robustness.fast.sample import sample
+from truestroke.studies.robustness.fast import record, sample
 
 pytestmark = pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 
@@ -39,26 +38,19 @@ def test_what_was_learned_while_the_motion_began_is_corrected_within_half_a_seco
     assert error[5000:].std() < most
 
 
-def fast(seed: int, number: int, *, given: bool) -> tuple[AdaptiveController, StageSettings, FloatArray]:
-    """A run of the fast study with nothing given, or its f0: controller, stage, and true error, % of peak to peak."""
-    of = sample(seed, number, ["unknown"]).simulation("unknown")
-    settings, stage = of.controller, of.plant
-    if given:
-        follow = dict.fromkeys(
-            ("slew_limit", "smoothing_time", "filter_frequency", "prior_covariance", "initial_weights")
-        )
-        settings = replace(settings, resonance=stage.resonances[0], **follow)
-    controller = AdaptiveController.from_settings(settings)
-    recording = run(of.trajectory, controller, StagePlant(stage, seed=of.seed))
-    desired = recording["desired"]
-    return controller, stage, 100 * (recording["true"] - desired) / np.ptp(desired[desired.size // 2 :])
+def fast(seed: int, number: int, *, given: bool) -> tuple[Recording, StageSettings, FloatArray]:
+    """A run of the fast study with nothing given, or its f0: recording, stage, and true error, % of peak to peak."""
+    of = sample(seed, number, ["unknown"])
+    known = {"resonance": of.plant.resonances[0]} if given else {}
+    recording = record(seed, number, "unknown", **known)
+    return recording, of.plant, 100 * (recording["true"] - recording["desired"]) / of.sampled["span"]["unknown"]
 
 
 @pytest.mark.parametrize(("seed", "number"), [(1, 152), (1, 180), (1, 186)])
 def test_an_error_that_is_small_shows_no_other_resonance(seed: int, number: int) -> None:
     """Windows of an error of 0.1 % of the motion showed half of f0, which took its place: bursts of 70 to 270 %."""
-    controller, stage, error = fast(seed, number, given=True)
-    assert controller.resonance == pytest.approx(stage.resonances[0], rel=0.03)
+    recording, stage, error = fast(seed, number, given=True)
+    assert recording.metadata["resonance"] == pytest.approx(stage.resonances[0], rel=0.03)
     assert np.abs(error[error.size // 8 :]).max() < 2.0
     assert error[error.size // 2 :].std() < 0.1
 
