@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from benchmarks import changing_motion
 
 from truestroke import AdaptiveController, ControllerSettings, run, trajectories
 from truestroke.control.baselines import ConstantGain
@@ -65,6 +66,31 @@ def test_half_of_the_motion_is_a_failure_in_the_windows_after_a_hold_too() -> No
         error = size * 2.0 * np.sqrt(2) * np.sin(np.arange(500) * 2 * np.pi / 20)
         found = {guard.update(e, z_d, counts=True, noise=1e-3) for e, z_d in zip(error, motion, strict=True)}
         assert found == {Action.NOTHING, action}
+
+
+@pytest.mark.parametrize(("size", "missed", "action"), [
+    (0.05, 0.02, Action.RESTORE), (0.05, 0.03, Action.NOTHING), (0.05, 1.0, Action.NOTHING), (0.55, 1.0, Action.RESTORE),
+])  # fmt: skip
+def test_weights_that_would_have_half_of_the_error_are_not_held(size, missed, action) -> None:
+    """Over the range of the motion; an error beyond half of it is ended, whatever is kept."""
+    guard, found = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.002)), []
+    for k in range(2000):
+        part = 0.001 if k < 1000 else size
+        if guard.bad > 0:
+            guard.compare(5.0 + 20 * missed * np.sqrt(2) * np.sin(0.7 * k))  # a mean is an offset
+        found.append(
+            guard.update(20 * part * np.sqrt(2) * np.sin(0.9 * k), 10 * np.sin(0.05 * k), counts=True, noise=1e-3)
+        )
+        if found[-1] is Action.RESTORE:
+            break
+    assert found[-1] is action
+
+
+def test_weights_of_a_slow_motion_are_not_held_in_a_fast_one() -> None:
+    """f0 given 15 % too low: they were 50 to 80 % off in a sine of f0/4, where the error was 4 %."""
+    _, error, _ = changing_motion.follow(5118, 0.85, measured=False)
+    assert error["fast"][1] < 20
+    assert error["fast"][0] < 5
 
 
 def test_held_weights_that_are_far_worse_are_not_held_on() -> None:

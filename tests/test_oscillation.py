@@ -124,16 +124,16 @@ def test_hum_from_outside_is_no_oscillation_of_the_law(seed) -> None:
     assert controller.counters.oscillating == 0
 
 
-def test_hum_beside_held_weights_is_no_ringing_that_decays() -> None:
-    """Its half-waves are uneven; before decision 115 a stage of 50 Hz was put into the model after 0.94 s."""
+def test_hum_is_no_failure_of_learning_and_no_ringing_that_decays() -> None:
+    """The kept weights would miss it, too. Its half-waves are uneven; before decision 115 a stage of 50 Hz was put into
+    the model after 0.94 s."""
     controller, plant = AdaptiveController(**BENCH), RealisticPlant(seed=7)
     plant.open()
-    wave, held = random_wave(duration=3.0, cutoff=20.0, seed=7), 0
+    wave = random_wave(duration=3.0, cutoff=20.0, seed=7)
     for k, (z_d, zdot_d) in enumerate(zip(wave.position[:2000], wave.velocity[:2000], strict=True)):
         hum = 0.2 * math.sin(2 * math.pi * 50.0 * k / 2000.0 + 3)
         controller.adapt(plant.exchange(np.array([controller.command(z_d, zdot_d)]))[0] + hum)
-        held += controller.flags.restored
-    assert held > 150
+    assert controller.counters.restored == 0
     assert not decays([0.18, 0.16, 0.54, 0.15, 0.37, 0.35])  # um: its half-waves then
     assert not controller.state()["found"][0]
 

@@ -350,7 +350,10 @@ typedef struct {
     ts_real drift;          /* um per tick: of the offset while the law does not learn, so that the mean error vanishes */
     ts_real span;           /* um: range of the motion when weights were kept */
     ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
+    ts_real missed, misses; /* um, um^2: of what the weights to be restored miss in this window, less its first value */
+    ts_real miss;           /* um */
     int ticks, counted;     /* of this window */
+    int compared;           /* ticks of it in which those weights were asked */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */
     int held;               /* windows since weights were restored; 0: it learns */
@@ -394,6 +397,10 @@ TS_API bool ts_recall_tick(ts_recall *r, const ts_guard_settings *s, ts_real z, 
 
 /* The range of the motion, um: at least ten times the floor. */
 TS_API ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s);
+
+/* Before the tick: by how much the weights that would be restored miss its measurement, um. They are asked after a window that was
+ * bad, and are not restored unless they predict better than the motion was followed. Those of which nothing is known are. */
+TS_API void ts_guard_compare(ts_guard *g, ts_real missed);
 
 /* One tick with the error z - z_d and the motion z_d, um; `counts`: the measurement was used, and no voltage limit explains
  * the error. noise: standard deviation of a measurement, um. */

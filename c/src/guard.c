@@ -11,6 +11,7 @@
 #define BAD_AT_FIRST 5          /* while nothing is learned yet, */
 #define LARGER 2                /* or of a motion that was so many times as small, */
 #define BEYOND_ALL 2            /* and where it is larger than half of the motion */
+#define PROMISES ((ts_real)0.5) /* of the error that fails: weights that miss less than it are worth a trial */
 #define BETTER ((ts_real)0.7)   /* of the error that failed: what was restored is better */
 #define HOPELESS 2              /* times the error that failed: what was restored is worse, */
 #define TRANSIENT 2             /* after so many windows */
@@ -30,17 +31,26 @@
 #define MOVED_BY ((ts_real)0.05) /* and of the range: by how much they may be off as a whole */
 #define FORGIVEN 8              /* times `wait` good windows until the next hold is shorter again */
 
-/* Standard deviation of the error in the window that ends, um. */
-static ts_real deviation(const ts_guard *g)
+/* Standard deviation of so many values, of which there are sum and sum of squares. */
+static ts_real deviation(ts_real sum, ts_real square, int counted)
 {
-    ts_real n = (ts_real)g->counted, mean = g->sum / n, variance = g->square / n - mean * mean;
+    ts_real n = (ts_real)counted, mean = sum / n, variance = square / n - mean * mean;
     return variance > 0 ? root_of(variance) : 0;
 }
 
 static void begin_window(ts_guard *g)
 {
-    g->sum = g->square = 0;
-    g->ticks = g->counted = 0;
+    g->sum = g->square = g->missed = g->misses = 0;
+    g->ticks = g->counted = g->compared = 0;
+}
+
+void ts_guard_compare(ts_guard *g, ts_real missed)
+{
+    if (g->compared == 0) g->miss = missed;
+    ts_real e = missed - g->miss;
+    g->missed += e;
+    g->misses += e * e;
+    g->compared++;
 }
 
 /* How many half-waves of the error in a row have each grown beyond the one before. */
@@ -103,8 +113,8 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     return better ? TS_GUARD_ADOPT : TS_GUARD_RETURN;
 }
 
-/* The weights that learn; `whole`: the error with its mean. */
-static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real whole, ts_real least)
+/* The weights that learn; `whole`: the error with its mean; `missed`: by the weights that would be restored, over the range as all. */
+static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real whole, ts_real least, ts_real missed)
 {
     ts_real range = ts_guard_range(g, s);
     bool large = error > least && error > WORSE * g->best && error * range > g->ringing;
@@ -115,9 +125,11 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     g->ringing *= DECAYS;
     g->small = whole > least ? 0 : g->small < LONG_AT_REST ? g->small + 1 : g->small;
     g->lost = g->lost || (s->recall > 0 && g->kept && g->settled && large);
-    g->bad = !large || (g->pause > 0 && 2 * error <= 1) ? 0 : g->bad + !falls;
+    bool excused = !large || (g->pause > 0 && 2 * error <= 1);
+    g->bad = excused ? 0 : g->bad + (!falls && g->bad < most);
     if (g->pause > 0) g->pause--;
-    if (g->bad >= most && !falls) {
+    bool promises = 2 * error > 1 || missed < PROMISES * error;
+    if (g->bad >= most && !falls && promises) {
         g->failed = error;
         g->held = 1;
         g->drift = 0;
@@ -185,7 +197,8 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     }
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
-    ts_real range = ts_guard_range(g, s), found = enough ? deviation(g) / range : 0, least = SHARE, mean = 0;
+    ts_real range = ts_guard_range(g, s), found = enough ? deviation(g->sum, g->square, g->counted) / range : 0, least = SHARE, mean = 0;
+    ts_real missed = 4 * g->compared >= s->window ? deviation(g->missed, g->misses, g->compared) / range : 0;
     if (enough) {
         mean = g->first + g->sum / (ts_real)g->counted;
         g->drift = CENTRING * mean / (ts_real)s->window;
@@ -195,7 +208,7 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     if (least * range < s->floor) least = s->floor / range;
     if (least * range < NOISES * noise) least = NOISES * noise / range;
     mean /= range;
-    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, root_of(found * found + mean * mean), least);
+    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, root_of(found * found + mean * mean), least, missed);
 }
 
 void ts_guard_recall(ts_guard *g)

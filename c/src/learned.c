@@ -306,6 +306,16 @@ static void watch_growth(ts_controller *c, ts_real noise)
     else judge_restored(c, error, speed, burst);
 }
 
+/* After a bad window: what the weights that would be restored miss of the filtered measurement, if they belong to the model as it is. */
+static void compare_kept(ts_controller *c)
+{
+    const ts_kalman *k = &c->law.kalman;
+    bool begun = c->kept.begun, other = c->stage.trial || (!begun && c->kept.staged != dynamics_of(c)->known);
+    if (other || ts_shows_gain(c)) return;
+    ts_real predicted = dot(k->u, begun ? c->kept.first : c->kept.w, TS_PADDED(c->parameters));
+    ts_guard_compare(&c->guard, k->started ? k->y - predicted : 0);
+}
+
 void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)
 {
     const ts_settings *s = c->settings;
@@ -318,6 +328,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     if (c->stage.resonance > 0) g->swings = 0; /* known: what rings there is judged by its windows */
     if (!dynamics_of(c)->known) ts_watch_burst(c, error);
     bool kept = g->kept;
+    if (g->bad > 0 && counts && !resting) compare_kept(c);
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
     case TS_GUARD_KEEP:
         weights_at_best(c);

@@ -105,8 +105,8 @@ class FilteringLaw(Law, Protocol):
     def stop_filters(self) -> None:
         """They start anew with the next tick."""
 
-    def missing(self) -> float:
-        """What the weights miss of the filtered measurement, um; 0 where the filters have not started."""
+    def missing(self, weights: FloatArray | None = None) -> float:
+        """What the weights, or these, miss of the filtered measurement, um; 0 where the filters have not started."""
 
     def knowledge(self) -> tuple[FloatArray, float]:
         """Covariance, and noise in um: what `restore` takes."""
@@ -583,9 +583,9 @@ class BoundedKalman:
         """They start anew with the next tick."""
         self.started = False
 
-    def missing(self) -> float:
-        """What the weights miss of the filtered measurement, um; 0 where the filters have not started."""
-        return self.y - float(dot(self.u, self.weights)) if self.started else 0.0
+    def missing(self, weights: FloatArray | None = None) -> float:
+        """What the weights, or these, miss of the filtered measurement, um; 0 where the filters have not started."""
+        return self.y - float(dot(self.u, self.weights if weights is None else weights)) if self.started else 0.0
 
     def knowledge(self) -> tuple[FloatArray, float]:
         """Covariance, and noise in um: what `restore` takes."""

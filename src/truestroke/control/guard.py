@@ -14,6 +14,7 @@ BAD = 3  # windows in a row that are a failure,
 BAD_AT_FIRST = 5  # while nothing is learned yet,
 LARGER = 2  # or of a motion that is so many times as small,
 BEYOND_ALL = 2  # and where it is larger than half of the motion
+PROMISES = 0.5  # of the error that fails: weights that miss less than it are worth a trial
 BETTER = 0.7  # of the error that failed: what was restored is better
 FIRST_WAIT = 4  # windows of the first hold,
 LONGEST_WAIT = 256  # and of the longest
@@ -75,11 +76,17 @@ class Action(Enum):
     RETURN = 5  # it is not: the weights that were set aside again; learning was not the cause
 
 
+def deviation(total: float, square: float, counted: int) -> float:
+    """Standard deviation of so many values, of which there are sum and sum of squares."""
+    mean = total / counted
+    return math.sqrt(max(square / counted - mean * mean, 0.0))
+
+
 class Guard:
     """Compares the tracking error of the weights that learn with that of the weights at their best.
 
     An error is the standard deviation of z - z_d in a window, in which the motion's range of about the last second is
-    the measure. One-step predictions on the same data are not compared: a law that bursts predicts its own burst well.
+    the measure. What the learned weights predict is not compared: a law that bursts predicts its own burst well.
 
     - *Kept* are weights and covariance of the window with the least error over the range; that least error rises by 2 %
       a window, so that they are not old.
@@ -87,6 +94,9 @@ class Guard:
       times the noise; one in which it falls by 30 %, as it does where a change is being learned, is not counted. Five
       it takes while nothing was good yet, or of a motion half as large; two where it is larger than half of the range.
       Then the kept weights are held, but for the offset, which follows the mean error.
+    - *They promise nothing* where they miss more than half of that error of the measurements in the last window: weights
+      of a slow motion may be 50 % off in a fast one, and an error that they would have, too, is not the fault of
+      learning. They are then not held. Where the error is larger than half of the range they are, whatever they miss.
     - *They are worse* where their error is twice the one that failed after two windows: the learned ones are taken back
       at once.
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
@@ -135,12 +145,14 @@ class Guard:
         self.sum = self.square = self.first = 0.0  # of the error in this window, less its first value
         self.start = 0.0  # um: the first error
         self.swing = self.swung = 0.0  # um: largest error since its sign changed, and how large it was before
+        self.missed = self.misses = self.miss = 0.0  # by the weights to be restored: as sum, square and first
         self.swings = 0  # half-waves of the error in a row, each of them larger than the one before
         self.ringing = 0.0  # um: an error below it is ringing that decays
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
         self.span = 0.0  # um: range of the motion when weights were kept
+        self.compared = 0  # ticks of this window in which those weights were asked
         self.ticks = self.counted = self.bad = self.good = self.held = self.pause = self.small = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
         self.kept = self.at_start = self.started = self.settled = self.lost = False
@@ -154,6 +166,18 @@ class Guard:
     def range(self) -> float:
         """Of the motion, um: at least ten times the floor."""
         return max(self.high - self.low, LEAST_RANGE * self.settings.floor)
+
+    def compare(self, missed: float) -> None:
+        """Before a tick: by how much the weights that would be restored miss its measurement, um.
+
+        They are asked after a window that was bad. Those of which nothing is known are restored.
+        """
+        if self.compared == 0:
+            self.miss = missed
+        e = missed - self.miss
+        self.missed += e
+        self.misses += e * e
+        self.compared += 1
 
     def update(self, error: float, z_d: float, *, counts: bool, noise: float) -> Action:
         """One tick.
@@ -175,7 +199,9 @@ class Guard:
         if self.ticks < self.settings.window:
             return Action.NOTHING
         enough, span = 4 * self.counted >= self.settings.window, self.range
-        found = self._deviation() / span if enough else 0.0
+        found = deviation(self.sum, self.square, self.counted) / span if enough else 0.0
+        asked = 4 * self.compared >= self.settings.window
+        missed = deviation(self.missed, self.misses, self.compared) / span if asked else 0.0
         mean = self.first + self.sum / self.counted if enough else 0.0
         if enough:
             self.drift = CENTRING * mean / self.settings.window
@@ -189,7 +215,7 @@ class Guard:
             if least * span < limit:
                 least = limit / span
         mean /= span
-        return self._judge_learned(found, math.sqrt(found * found + mean * mean), least, span)
+        return self._judge_learned(found, math.sqrt(found * found + mean * mean), least, span, missed)
 
     def begin(self) -> None:
         """Learning begins anew, with other weights: nothing is held, and what is kept stays."""
@@ -207,7 +233,8 @@ class Guard:
         self.small, self.pause, self.wait, self.ringing = 0, 1, FIRST_WAIT, 0.0
 
     def _begin_window(self) -> None:
-        self.sum, self.square, self.ticks, self.counted = 0.0, 0.0, 0, 0
+        self.sum = self.square = self.missed = self.misses = 0.0
+        self.ticks = self.counted = self.compared = 0
 
     def _bursts(self, size: float, away: float) -> bool:
         """Whether an error of this size, um, is far beyond the motion so far, before anything was good.
@@ -255,11 +282,6 @@ class Guard:
         self.square += e * e
         self.counted += 1
 
-    def _deviation(self) -> float:
-        """Standard deviation of the error in the window that ends, um."""
-        mean = self.sum / self.counted
-        return math.sqrt(max(self.square / self.counted - mean * mean, 0.0))
-
     def _judge_held(self, error: float) -> Action:
         """Whether the held weights are better is known when the error no longer falls."""
         falls = error < 0.9 * self.error and self.held < SETTLES + self.wait
@@ -281,8 +303,8 @@ class Guard:
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN
 
-    def _judge_learned(self, error: float, whole: float, least: float, span: float) -> Action:
-        """`whole`: the error with its mean."""
+    def _judge_learned(self, error: float, whole: float, least: float, span: float, missed: float) -> Action:
+        """`whole`: the error with its mean; `missed`: by the weights that would be restored, over the range."""
         large = error > least and error > WORSE * self.best and error * span > self.ringing
         falls = error < FALLS * self.error
         proven = self.kept and span < LARGER * self.span
@@ -291,9 +313,11 @@ class Guard:
         self.ringing *= DECAYS
         self.small = 0 if whole > least else min(self.small + 1, LONG_AT_REST)
         self.lost = self.lost or (self.settings.recall > 0 and self.kept and self.settled and large)
-        self.bad = 0 if not large or (self.pause > 0 and 2 * error <= 1) else self.bad + (not falls)
+        excused = not large or (self.pause > 0 and 2 * error <= 1)
+        self.bad = 0 if excused else self.bad + (not falls and self.bad < most)
         self.pause -= self.pause > 0
-        if self.bad >= most and not falls:
+        promises = 2 * error > 1 or missed < PROMISES * error
+        if self.bad >= most and not falls and promises:
             self.failed, self.held, self.drift, self.small = error, 1, 0.0, 0
             return Action.RESTORE
         self.good = 0 if error > least else min(self.good + 1, FORGIVEN * LONGEST_WAIT)

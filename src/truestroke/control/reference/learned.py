@@ -294,6 +294,14 @@ def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
         judge_restored(c, law, g, error, speed=speed, burst=burst)
 
 
+def compare_kept(c: State, law: FilteringLaw) -> None:
+    """After a bad window: what the weights that would be restored miss, if they belong to the model as it is."""
+    kept = c.kept
+    other = c.stage.trial or (not kept.begun and kept.staged is not (c.path is not None))
+    if not other and not shows_gain(c):
+        kept.guard.compare(law.missing(kept.first if kept.begun else kept.weights))
+
+
 def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
     """One tick of the guard, and what it decides."""
     law, kept, guard = c.filtering, c.kept, c.kept.guard
@@ -306,6 +314,8 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
     if c.path is None:
         watch_burst(c, law, error)
     known = guard.kept
+    if guard.bad > 0 and counts and not resting:
+        compare_kept(c, law)
     match guard.update(error, z_d, counts=counts and not resting, noise=noise):
         case Action.KEEP:
             weights_at_best(c, law)
