@@ -68,9 +68,15 @@ def test_half_of_the_motion_is_a_failure_in_the_windows_after_a_hold_too() -> No
         assert found == {Action.NOTHING, action}
 
 
-@pytest.mark.parametrize(("size", "missed", "action"), [
-    (0.05, 0.02, Action.RESTORE), (0.05, 0.03, Action.NOTHING), (0.05, 1.0, Action.NOTHING), (0.55, 1.0, Action.RESTORE),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "missed", "action"),
+    [
+        (0.05, 0.02, Action.RESTORE),
+        (0.05, 0.03, Action.NOTHING),
+        (0.05, 1.0, Action.NOTHING),
+        (0.55, 1.0, Action.RESTORE),
+    ],
+)
 def test_weights_that_would_have_half_of_the_error_are_not_held(size, missed, action) -> None:
     """Over the range of the motion; an error beyond half of it is ended, whatever is kept."""
     guard, found = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.002)), []

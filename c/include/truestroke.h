@@ -352,6 +352,7 @@ typedef struct {
     ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
     ts_real missed, misses; /* um, um^2: of what the weights to be restored miss in this window, less its first value */
     ts_real miss;           /* um */
+    ts_real missing;        /* by them in the window before, over the range; 0: they were not asked */
     int ticks, counted;     /* of this window */
     int compared;           /* ticks of it in which those weights were asked */
     int bad;                /* windows in a row in which it was too large and did not fall */
@@ -399,8 +400,11 @@ TS_API bool ts_recall_tick(ts_recall *r, const ts_guard_settings *s, ts_real z, 
 TS_API ts_real ts_guard_range(const ts_guard *g, const ts_guard_settings *s);
 
 /* Before the tick: by how much the weights that would be restored miss its measurement, um. They are asked after a window that was
- * bad, and are not restored unless they predict better than the motion was followed. Those of which nothing is known are. */
+ * bad, and are restored only where they promise to be better. Those of which nothing is known are restored. */
 TS_API void ts_guard_compare(ts_guard *g, ts_real missed);
+
+/* Whether the weights that would be restored miss less than half of this error over the range. */
+TS_API bool ts_guard_promises(const ts_guard *g, ts_real error);
 
 /* One tick with the error z - z_d and the motion z_d, um; `counts`: the measurement was used, and no voltage limit explains
  * the error. noise: standard deviation of a measurement, um. */
@@ -638,6 +642,9 @@ typedef struct {
     ts_real wait;                  /* blocks: of the next hold, */
     ts_real left;                  /* and until this one ends, or until an error may have grown */
     ts_real late;                  /* 1: the law has a third pole */
+    ts_real pace, paced;           /* um^2/s^2: sum of zdot_d^2 in this window, and in the one before, */
+    ts_real before;                /* and its error; 0: not known */
+    ts_real rising;                /* windows in a row whose error has risen */
 } ts_growth;
 
 /* The stage's first resonance, and the quantities that follow from it; at first from the settings. */

@@ -113,8 +113,13 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
     return better ? TS_GUARD_ADOPT : TS_GUARD_RETURN;
 }
 
-/* The weights that learn; `whole`: the error with its mean; `missed`: by the weights that would be restored, over the range as all. */
-static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real whole, ts_real least, ts_real missed)
+bool ts_guard_promises(const ts_guard *g, ts_real error)
+{
+    return g->missing < PROMISES * error;
+}
+
+/* The weights that learn; `whole`: the error with its mean. */
+static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_real whole, ts_real least)
 {
     ts_real range = ts_guard_range(g, s);
     bool large = error > least && error > WORSE * g->best && error * range > g->ringing;
@@ -128,8 +133,7 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     bool excused = !large || (g->pause > 0 && 2 * error <= 1);
     g->bad = excused ? 0 : g->bad + (!falls && g->bad < most);
     if (g->pause > 0) g->pause--;
-    bool promises = 2 * error > 1 || missed < PROMISES * error;
-    if (g->bad >= most && !falls && promises) {
+    if (g->bad >= most && !falls && (2 * error > 1 || ts_guard_promises(g, error))) {
         g->failed = error;
         g->held = 1;
         g->drift = 0;
@@ -198,7 +202,7 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
     ts_real range = ts_guard_range(g, s), found = enough ? deviation(g->sum, g->square, g->counted) / range : 0, least = SHARE, mean = 0;
-    ts_real missed = 4 * g->compared >= s->window ? deviation(g->missed, g->misses, g->compared) / range : 0;
+    g->missing = 4 * g->compared >= s->window ? deviation(g->missed, g->misses, g->compared) / range : 0;
     if (enough) {
         mean = g->first + g->sum / (ts_real)g->counted;
         g->drift = CENTRING * mean / (ts_real)s->window;
@@ -208,7 +212,7 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     if (least * range < s->floor) least = s->floor / range;
     if (least * range < NOISES * noise) least = NOISES * noise / range;
     mean /= range;
-    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, root_of(found * found + mean * mean), least, missed);
+    return g->held > 0 ? judge_held(g, found) : judge_learned(g, s, found, root_of(found * found + mean * mean), least);
 }
 
 void ts_guard_recall(ts_guard *g)

@@ -18,6 +18,9 @@
 #define GROWN 2                     /* in so many blocks in a row, */
 #define LEAST_GROWN ((ts_real)1e-3) /* of the motion's range at least, */
 #define NOISES_GROWN 3              /* and so many standard deviations of a measurement */
+#define RISES ((ts_real)1.2)        /* times that of the window before: an error that has risen, */
+#define RISING 4                    /* in so many windows in a row, */
+#define ABOVE 4                     /* to so many times the least */
 #define AS_FAST ((ts_real)1.2)      /* times as fast, or as slow: another motion */
 #define SETTLED_HELD 3              /* windows until held weights are judged */
 #define HELPS ((ts_real)0.8)        /* of the error that had grown: earlier weights are better, */
@@ -214,26 +217,54 @@ static void learn_on(ts_controller *c)
     c->law.kalman.since_change = -(int)(1 / c->stage.resonance);
 }
 
-/* A block of the weights that learn: where the error has grown while the motion is as fast, those with the least error are held. */
-static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool other, ts_real noise)
+/* The least error over the range that has grown: a smaller one is noise. */
+static ts_real least_grown(const ts_controller *c, ts_real noise)
+{
+    ts_real least = NOISES_GROWN * noise / ts_guard_range(&c->guard, &c->settings->guard);
+    return least < LEAST_GROWN ? LEAST_GROWN : least;
+}
+
+/* The weights with the least error, for this one. */
+static void hold_least(ts_controller *c, ts_real error)
 {
     ts_growth *g = &c->stage.before.growth;
-    ts_real least = NOISES_GROWN * noise / ts_guard_range(&c->guard, &c->settings->guard);
-    if (least < LEAST_GROWN) least = LEAST_GROWN;
-    if (g->left > 0) g->left -= 1;
-    if (!(g->known > 0) || other || error <= g->least) {
-        keep_least(c, c->w, error, speed);
-        return;
-    }
-    bool grew = error > GREW * g->least && error > least && !(g->left > 0);
-    g->bad = grew ? g->bad + 1 : 0;
-    if (g->bad < GROWN) return;
     memcpy(c->kept.aside, c->w, sizeof(ts_real) * (size_t)c->parameters);
     take_weights(c, c->stage.newer, true);
     g->failed = error;
     g->held = 1;
     g->good = 0;
     c->counters.restored++;
+}
+
+/* A block of the weights that learn: where the error has grown while the motion is as fast, those with the least error are held. */
+static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool other, ts_real noise)
+{
+    ts_growth *g = &c->stage.before.growth;
+    if (g->left > 0) g->left -= 1;
+    if (!(g->known > 0) || other || error <= g->least) {
+        keep_least(c, c->w, error, speed);
+        return;
+    }
+    bool grew = error > GREW * g->least && error > least_grown(c, noise) && !(g->left > 0);
+    g->bad = grew ? g->bad + 1 : 0;
+    if (!(g->bad < GROWN)) hold_least(c, error);
+}
+
+/* At the end of a window: whether the error has risen in each of the last ones to many times that of the weights that are kept, which
+ * promise to be better, in a motion that is as fast as before and goes through its range in a window. */
+static bool has_risen(ts_controller *c, ts_real noise)
+{
+    const ts_guard *guard = &c->guard;
+    ts_growth *g = &c->stage.before.growth;
+    ts_real window = (ts_real)c->settings->guard.window, time = window * c->settings->oscillation.tick, range = ts_guard_range(guard, &c->settings->guard);
+    bool passes = g->pace * (time * time) > window * (range * range), as_fast = g->pace < AS_FAST * AS_FAST * g->paced;
+    bool rises = passes && as_fast && g->before > 0 && guard->error > RISES * g->before;
+    g->rising = rises ? g->rising + 1 : 0;
+    g->before = guard->error;
+    g->paced = g->pace;
+    g->pace = 0;
+    bool of_model = guard->kept && !c->kept.begun && c->kept.staged == dynamics_of(c)->known;
+    return of_model && g->rising >= RISING && guard->error > least_grown(c, noise) && guard->error > ABOVE * guard->best && ts_guard_promises(guard, guard->error);
 }
 
 /* The first block of the held weights: the law goes on from there with a third pole, unless it had that; then they stay, if they are
@@ -274,7 +305,7 @@ static void judge_hold(ts_controller *c, ts_real error, ts_real speed, bool othe
     else keep_least(c, c->stage.newer, error, speed);
 }
 
-/* One tick beside the guard, with a stage that was found: an error that grows slowly, far below what the guard takes for a failure. */
+/* One tick beside the guard, with a stage that was found: an error that grows, far below what the guard takes for a failure. */
 static void watch_growth(ts_controller *c, ts_real noise)
 {
     const ts_guard *guard = &c->guard;
@@ -286,8 +317,14 @@ static void watch_growth(ts_controller *c, ts_real noise)
     }
     g->speed += c->rate * c->rate;
     g->ticks += 1;
+    g->pace += c->rate * c->rate;
     if (g->held > 0) move_offset(c, guard->drift);
     if (guard->ticks > 0) return; /* within a window */
+    if (has_risen(c, noise) && !(g->held > 0)) {
+        keep_least(c, c->kept.w, guard->best, root_of(g->paced / (ts_real)c->settings->guard.window));
+        hold_least(c, guard->error);
+        g->windows = g->square = g->speed = g->ticks = g->rising = 0;
+    }
     bool burst = g->held > 0 && guard->error > AT_ONCE * g->failed;
     if (g->held > 0) g->held += 1;
     if (g->held > 0 && g->held <= SETTLED_HELD && !burst) {
@@ -306,7 +343,7 @@ static void watch_growth(ts_controller *c, ts_real noise)
     else judge_restored(c, error, speed, burst);
 }
 
-/* After a bad window: what the weights that would be restored miss of the filtered measurement, if they belong to the model as it is. */
+/* After a bad window, or one whose error rises: what the weights that would be restored miss of the filtered measurement, if they belong to the model as it is. */
 static void compare_kept(ts_controller *c)
 {
     const ts_kalman *k = &c->law.kalman;
@@ -328,7 +365,8 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     if (c->stage.resonance > 0) g->swings = 0; /* known: what rings there is judged by its windows */
     if (!dynamics_of(c)->known) ts_watch_burst(c, error);
     bool kept = g->kept;
-    if (g->bad > 0 && counts && !resting) compare_kept(c);
+    bool rising = c->found.known && c->stage.before.growth.rising >= RISING - 1;
+    if ((g->bad > 0 || rising) && counts && !resting) compare_kept(c);
     switch (ts_guard_tick(g, &s->guard, error, z_d, counts && !resting, noise)) {
     case TS_GUARD_KEEP:
         weights_at_best(c);

@@ -94,9 +94,9 @@ class Guard:
       times the noise; one in which it falls by 30 %, as it does where a change is being learned, is not counted. Five
       it takes while nothing was good yet, or of a motion half as large; two where it is larger than half of the range.
       Then the kept weights are held, but for the offset, which follows the mean error.
-    - *They promise nothing* where they miss more than half of that error of the measurements in the last window: weights
-      of a slow motion may be 50 % off in a fast one, and an error that they would have, too, is not the fault of
-      learning. They are then not held. Where the error is larger than half of the range they are, whatever they miss.
+    - *They promise nothing* where they miss more than half of that error of the measurements in the last window:
+      weights of a slow motion may be 50 % off in a fast one, and an error that they would have, too, is not the fault
+      of learning. They are then not held, unless the error is larger than half of the range.
     - *They are worse* where their error is twice the one that failed after two windows: the learned ones are taken back
       at once.
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
@@ -152,6 +152,7 @@ class Guard:
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
         self.span = 0.0  # um: range of the motion when weights were kept
+        self.missing = 0.0  # by them in the window before, over the range; 0: they were not asked
         self.compared = 0  # ticks of this window in which those weights were asked
         self.ticks = self.counted = self.bad = self.good = self.held = self.pause = self.small = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
@@ -179,6 +180,10 @@ class Guard:
         self.misses += e * e
         self.compared += 1
 
+    def promises(self, error: float) -> bool:
+        """Whether the weights that would be restored miss less than half of this error over the range."""
+        return self.missing < PROMISES * error
+
     def update(self, error: float, z_d: float, *, counts: bool, noise: float) -> Action:
         """One tick.
 
@@ -201,7 +206,7 @@ class Guard:
         enough, span = 4 * self.counted >= self.settings.window, self.range
         found = deviation(self.sum, self.square, self.counted) / span if enough else 0.0
         asked = 4 * self.compared >= self.settings.window
-        missed = deviation(self.missed, self.misses, self.compared) / span if asked else 0.0
+        self.missing = deviation(self.missed, self.misses, self.compared) / span if asked else 0.0
         mean = self.first + self.sum / self.counted if enough else 0.0
         if enough:
             self.drift = CENTRING * mean / self.settings.window
@@ -215,7 +220,7 @@ class Guard:
             if least * span < limit:
                 least = limit / span
         mean /= span
-        return self._judge_learned(found, math.sqrt(found * found + mean * mean), least, span, missed)
+        return self._judge_learned(found, math.sqrt(found * found + mean * mean), least, span)
 
     def begin(self) -> None:
         """Learning begins anew, with other weights: nothing is held, and what is kept stays."""
@@ -303,8 +308,8 @@ class Guard:
         self.at_start = False
         return Action.ADOPT if better else Action.RETURN
 
-    def _judge_learned(self, error: float, whole: float, least: float, span: float, missed: float) -> Action:
-        """`whole`: the error with its mean; `missed`: by the weights that would be restored, over the range."""
+    def _judge_learned(self, error: float, whole: float, least: float, span: float) -> Action:
+        """`whole`: the error with its mean."""
         large = error > least and error > WORSE * self.best and error * span > self.ringing
         falls = error < FALLS * self.error
         proven = self.kept and span < LARGER * self.span
@@ -316,8 +321,7 @@ class Guard:
         excused = not large or (self.pause > 0 and 2 * error <= 1)
         self.bad = 0 if excused else self.bad + (not falls and self.bad < most)
         self.pause -= self.pause > 0
-        promises = 2 * error > 1 or missed < PROMISES * error
-        if self.bad >= most and not falls and promises:
+        if self.bad >= most and not falls and (2 * error > 1 or self.promises(error)):
             self.failed, self.held, self.drift, self.small = error, 1, 0.0, 0
             return Action.RESTORE
         self.good = 0 if error > least else min(self.good + 1, FORGIVEN * LONGEST_WAIT)

@@ -39,6 +39,9 @@ GREW = 1.4  # times the least of a block: an error that has grown,
 GROWN = 2  # in so many blocks in a row,
 LEAST_GROWN = 1e-3  # of the motion's range at least,
 NOISES_GROWN = 3  # and so many standard deviations of a measurement
+RISES = 1.2  # times that of the window before: an error that has risen,
+RISING = 4  # in so many windows in a row,
+ABOVE = 4  # to so many times the least
 AS_FAST = 1.2  # times as fast, or as slow: another motion
 SETTLED_HELD = 3  # windows until held weights are judged
 HELPS = 0.8  # of the error that had grown: earlier weights are better,
@@ -202,6 +205,19 @@ def learn_on(c: State, law: FilteringLaw, g: Growth) -> None:
     law.wait(int(1 / c.stage.resonance))
 
 
+def least_grown(c: State, noise: float) -> float:
+    """The least error over the range that has grown: a smaller one is noise."""
+    return max(NOISES_GROWN * noise / c.kept.guard.range, LEAST_GROWN)
+
+
+def hold_least(c: State, law: FilteringLaw, g: Growth, error: float) -> None:
+    """The weights with the least error, for this one."""
+    c.kept.aside = law.weights
+    take_weights(c, law, g.weights, earlier=True)
+    g.failed, g.held, g.good = error, 1, 0.0
+    c.count(restored=True)
+
+
 def judge_growth(
     c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, other: bool, noise: float
 ) -> None:
@@ -213,15 +229,28 @@ def judge_growth(
     if not g.known or other or error <= g.least:
         keep_least(g, law.weights, error, speed)
         return
-    least = max(NOISES_GROWN * noise / c.kept.guard.range, LEAST_GROWN)
-    grew = error > GREW * g.least and error > least and not g.left
+    grew = error > GREW * g.least and error > least_grown(c, noise) and not g.left
     g.bad = g.bad + 1 if grew else 0
-    if g.bad < GROWN:
-        return
-    c.kept.aside = law.weights
-    take_weights(c, law, g.weights, earlier=True)
-    g.failed, g.held, g.good = error, 1, 0.0
-    c.count(restored=True)
+    if g.bad >= GROWN:
+        hold_least(c, law, g, error)
+
+
+def has_risen(c: State, g: Growth, noise: float) -> bool:
+    """At the end of a window: whether the error has risen in each of the last ones.
+
+    To many times that of the weights that are kept, which promise to be better, in a motion that is as fast as before
+    and goes through its range in a window.
+    """
+    kept, guard = c.kept, c.kept.guard
+    window, span = guard.settings.window, guard.range
+    time = window * c.oscillation.tick
+    passes, as_fast = g.pace * (time * time) > window * (span * span), g.pace < AS_FAST * AS_FAST * g.paced
+    rises = passes and as_fast and g.before > 0 and guard.error > RISES * g.before
+    g.rising = g.rising + 1 if rises else 0
+    g.before, g.paced, g.pace = guard.error, g.pace, 0.0
+    of_model = guard.kept and not kept.begun and kept.staged is (c.path is not None)
+    far = guard.error > max(least_grown(c, noise), ABOVE * guard.best)
+    return of_model and g.rising >= RISING and far and guard.promises(guard.error)
 
 
 def judge_restored(c: State, law: FilteringLaw, g: Growth, error: float, *, speed: float, burst: bool) -> None:
@@ -259,7 +288,7 @@ def judge_hold(c: State, law: FilteringLaw, g: Growth, error: float, *, speed: f
 
 
 def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
-    """One tick beside the guard: an error that grows slowly, far below what the guard takes for a failure."""
+    """One tick beside the guard: an error that grows, far below what the guard takes for a failure."""
     guard, g = c.kept.guard, c.stage.growth
     if g is None:
         return
@@ -268,10 +297,15 @@ def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
         return
     g.speed += c.rate * c.rate
     g.ticks += 1
+    g.pace += c.rate * c.rate
     if g.held > 0:
         move_offset(c, law, guard.drift)
     if guard.ticks > 0:  # within a window
         return
+    if has_risen(c, g, noise) and g.held == 0:
+        keep_least(g, c.kept.weights, guard.best, math.sqrt(g.paced / guard.settings.window))
+        hold_least(c, law, g, guard.error)
+        g.windows, g.square, g.speed, g.ticks, g.rising = 0, 0.0, 0.0, 0, 0
     burst = g.held > 0 and guard.error > AT_ONCE * g.failed
     g.held += g.held > 0
     if 0 < g.held <= SETTLED_HELD and not burst:
@@ -295,7 +329,10 @@ def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
 
 
 def compare_kept(c: State, law: FilteringLaw) -> None:
-    """After a bad window: what the weights that would be restored miss, if they belong to the model as it is."""
+    """What the weights that would be restored miss, if they belong to the model as it is.
+
+    After a bad window, or one whose error rises.
+    """
     kept = c.kept
     other = c.stage.trial or (not kept.begun and kept.staged is not (c.path is not None))
     if not other and not shows_gain(c):
@@ -314,7 +351,8 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
     if c.path is None:
         watch_burst(c, law, error)
     known = guard.kept
-    if guard.bad > 0 and counts and not resting:
+    rising = c.stage.growth is not None and c.stage.growth.rising >= RISING - 1
+    if (guard.bad > 0 or rising) and counts and not resting:
         compare_kept(c, law)
     match guard.update(error, z_d, counts=counts and not resting, noise=noise):
         case Action.KEEP:

@@ -61,6 +61,10 @@ class Growth:
     held: int = 0  # windows since; 0: the law learns;
     good: float = 0.0  # error of those weights; 0: not known yet
     left: int = 0  # blocks until the hold ends, or until an error may have grown
+    pace: float = 0.0  # um^2/s^2: sum of zdot_d^2 in this window,
+    paced: float = 0.0  # and in the one before,
+    before: float = 0.0  # and its error; 0: not known
+    rising: int = 0  # windows in a row whose error has risen
 
 
 @dataclass
