@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks import scanning
 
 from truestroke import AdaptiveController, Recording, run
 from truestroke.base.typing import FloatArray
@@ -73,3 +74,9 @@ def test_the_next_update_returns_a_share_of_the_covariance_to_the_prior(outgrown
         law.tick(np.array([1.0]), 1.0, 0.0, measured=True, learn=True)
     assert float(law.P[0, 0]) == pytest.approx(after, rel=1e-12)
     assert not law.outgrown
+
+
+@pytest.mark.parametrize(("rows", "before"), [(100.0, 0.127), (50.0, 0.1)])
+def test_a_motion_that_grows_slowly_has_not_outgrown_the_law(rows: float, before: float) -> None:
+    """Largest distortion of a scan, pixels; `before`, where y was less sure in a row each time it had 5 % more."""
+    assert scanning.followed(rows=rows)[0] < before / 1.6

@@ -207,6 +207,26 @@ def test_an_axis_that_has_lost_its_way_ends(tmp_path: Path) -> None:
             axes.follow("z", motion).result(timeout=120.0)
 
 
+def test_an_axis_that_is_further_off_than_its_stroke_ends_at_once(tmp_path: Path) -> None:
+    """A stroke that is a hundred times too small; it moved for 1.6 s. One that is ten times too small is learned."""
+
+    def moved(stroke: float) -> float:
+        file = configuration(tmp_path, "z", driver='stage = {noise = 0.01, hysteresis_kind = "preisach"}')
+        file.write_text(file.read_text().replace("stroke = 30.0", f"stroke = {stroke}"))
+        seconds = 0.0
+        with Axes.of(file) as axes:
+            for k in range(400):
+                made = axes.move(z=stroke * (0.1 + 0.08 * (7 * k % 10)))["z"].result(timeout=60.0)
+                seconds += made.time.size / axes.timing.sample_rate
+                if seconds > 0.4:
+                    return seconds
+        return seconds
+
+    assert moved(3.0) > 0.4
+    with pytest.raises(DriverError, match=r"further off than its stroke, 0\.3 um; .*: correct stroke"):
+        moved(0.3)
+
+
 @pytest.mark.parametrize(
     ("asked", "message"),
     [

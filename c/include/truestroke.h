@@ -508,6 +508,7 @@ typedef struct {
     ts_real lag;                      /* ticks of dead time and lag behind the plays, where it is known */
     ts_real motion, power;            /* of the last window: cycles per tick of the motion, um^2 of the error */
     ts_real driven;                   /* of the last window that showed it: share of the residual of ringing alone that the plays explain */
+    ts_real swept;                    /* cycles per tick: where the search goes on behind a window about what is known; 0: about that */
     ts_real motion_filter[3], noise_filter[3];
     ts_real first[TS_SHOWN + 1];      /* of the plays, V, and of the measurement, um */
     ts_real state[TS_SHOWN + 1][4];   /* of both filters */

@@ -173,9 +173,10 @@ static void doubt_outgrown(ts_controller *c)
 {
     ts_real range = ts_guard_range(&c->guard, &c->settings->guard), *widest = &c->stage.widest;
     if (!dynamics_of(c)->known) *widest = 0;
-    else if (!(c->guard.held > 0) && c->guard.error < FOLLOWED && range > WIDER * *widest) {
-        *widest = range;
-        c->law.kalman.outgrown = true;
+    else if (!(c->guard.held > 0) && c->guard.error < FOLLOWED) {
+        bool outgrown = range > WIDER * *widest, slow = c->settings->terms[TS_COUPLING] > 0; /* as y of a scan */
+        if (outgrown || (slow && range > *widest)) *widest = range;
+        if (outgrown) c->law.kalman.outgrown = true;
     }
 }
 

@@ -20,6 +20,10 @@
 #define LAG_STEPS 4                 /* of Newton's method: enough for a lag up to 1 / w0 */
 #define COARSE 4                    /* plays, those of the smallest thresholds, with which the resonance is found once more */
 #define COSTS ((ts_real)0.5)        /* of the range: the error of a stage that is wrong by itself, in a motion as fast as it is */
+#define SHOWN_WITHIN ((ts_real)0.02) /* standard deviation of an estimate, over it, that shows a resonance, */
+#define EXPECTED_WITHIN ((ts_real)0.03) /* where the weights of the plays are expected, */
+#define ABOUT ((ts_real)0.04)       /* and where it is about its centre, and no stage is in the model */
+#define EXPLAIN ((ts_real)0.5)      /* share of the plays, there: what our voltage does not drive is noise */
 #define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
 #define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
 #define FURTHEST ((ts_real)1.4)
@@ -31,11 +35,11 @@
 #define MOST_WINDOWS 1000           /* that are counted */
 #define EXPECTED ((ts_real)0.1)     /* of the gain of all plays: how far a weight is from the one that is expected, */
 #define EXPECTS 5                   /* where the error of a window is so many times its residual */
-#define STANDS ((ts_real)0.1)       /* of a resonance that is shown so: where fewer plays move it further there is none */
+#define STANDS ((ts_real)0.1)       /* of a resonance that is shown so, or about its centre: where fewer plays move it further there is none */
 
-/* Largest standard deviation of an estimate, over it, and how many of these its error is. */
+/* Largest standard deviation of an estimate, over it, and of one about its centre, and how many of these its error is. */
 typedef struct {
-    ts_real sure, trust;
+    ts_real sure, about, trust;
 } ts_confidence;
 
 /* What a window shows. */
@@ -238,6 +242,12 @@ static ts_real sensitivity_of(ts_real (*N)[TS_RESONANCE], ts_real ratio)
     return moved < 1 ? moved : 1;
 }
 
+/* Whether a window about this frequency is the present one. */
+static bool is_about(const ts_resonance *r, ts_real frequency)
+{
+    return r->centre < AGREE * frequency && frequency < AGREE * r->centre;
+}
+
 /* What sums of products show. */
 static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real lowest, ts_confidence as)
 {
@@ -256,24 +266,29 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     ts_real of_third = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * of_first - N[THIRD][HIGH] / N[HIGH][HIGH] * of_second;
     ts_real spread = of_first * of_first / N[BAND][BAND] + of_second * of_second / N[HIGH][HIGH] + of_third * of_third / N[THIRD][THIRD];
     ts_real of_ratio = w.left > 0 ? w.left * spread / (ts_real)r->window : 0;
-    ts_real deviation = 2 * as.sure * ratio, doubtful = 2 * POINTS * ratio;
+    ts_real doubtful = 2 * POINTS * ratio;
     if (!(of_ratio < doubtful * doubtful)) return w;
     ts_real f0 = arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     if (!(f0 > lowest && f0 < TS_HIGHEST_RESONANCE)) return w;
     w.points = f0;
+    w.sensitivity = sensitivity_of(fewer, ratio);
+    ts_real share = share_of_plays(r, w.left);
+    bool stands = is_about(r, f0) && !(w.sensitivity > STANDS) && share > EXPLAIN;
+    ts_real deviation = 2 * (stands ? as.about : as.sure) * ratio;
     if (!(of_ratio < deviation * deviation)) return w;
     w.lag = dead_time_of(w.lag / (2 * ts_tangent(TS_PI * r->centre)), 2 * TS_PI * f0);
     w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio);
-    w.sensitivity = sensitivity_of(fewer, ratio);
-    r->driven = share_of_plays(r, w.left);
+    r->driven = share;
     if (f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
     return w;
 }
 
 /* What the window shows with plays that are free, or else with those that are expected. */
-static ts_window shown_window(ts_resonance *r, ts_real lowest, const ts_real *expected)
+static ts_window shown_window(ts_resonance *r, ts_real lowest, const ts_search *search)
 {
-    const ts_confidence of_free = {(ts_real)0.02, 5}, of_expected = {(ts_real)0.03, 3};
+    bool first = search->burst > 0 && r->speed > 0;
+    const ts_confidence of_free = {SHOWN_WITHIN, first ? ABOUT : SHOWN_WITHIN, 5}, of_expected = {EXPECTED_WITHIN, first ? ABOUT : EXPECTED_WITHIN, 3};
+    const ts_real *expected = search->expected;
     ts_real N[TS_RESONANCE][TS_RESONANCE];
     sums_with_ridge(r, N);
     ts_window of_plays = shown_by(r, N, lowest, of_free);
@@ -307,25 +322,24 @@ static void know(ts_resonance *r, const ts_window *w)
     r->strange = far && !r->strange;
 }
 
-/* Whether a window about this frequency is the present one. */
-static bool is_about(const ts_resonance *r, ts_real frequency)
-{
-    return r->centre < AGREE * frequency && frequency < AGREE * r->centre;
-}
-
 /* The next centre, behind a window. */
 static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, const ts_search *search)
 {
-    ts_real below = NEXT * r->centre;
+    bool first = search->burst > 0, about = is_about(r, r->known); /* no stage is in the model */
+    ts_real below = NEXT * (first && about && r->swept > 0 ? r->swept : r->centre);
     if (w->f0 > 0) {
         r->pointed = 0;
         return w->f0;
     }
     if (!(r->speed > 0) && QUIET * r->power < search->burst) return r->centre; /* at rest nothing shows, wherever the window is */
     bool points = w->points > 0 && w->points <= search->highest && !is_about(r, w->points);
-    if (points && search->burst > 0 && r->pointed < TS_MOST_POINTED) {
+    if (points && first && r->pointed < TS_MOST_POINTED) {
         r->pointed++;
         return w->points;
+    }
+    if (first && r->known > lowest && !about) {
+        r->swept = r->centre;
+        return r->known;
     }
     if (below > lowest) return below;
     r->pointed = 0;
@@ -339,7 +353,7 @@ static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
     r->motion = r->speed > 0 ? r->change / (2 * TS_PI * r->speed) : 0;
     r->power = r->error / (ts_real)r->window;
     ts_real lowest = ts_resonance_lowest(r, tick);
-    ts_window w = shown_window(r, lowest, search->expected);
+    ts_window w = shown_window(r, lowest, search);
     if (w.f0 > 0) {
         ts_real fast = r->motion / w.f0, cost = COSTS * search->range * w.sensitivity * (fast * fast);
         if (r->power < cost * cost) w.f0 = 0;

@@ -35,9 +35,11 @@ NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that win
 AGREE = 1.05  # centre and estimate
 SURE, TRUST = 0.02, 5  # standard deviation of an estimate, over it, and how many of these its error is,
 SURE_EXPECTED, TRUST_EXPECTED = 0.03, 3  # where the weights of the plays are expected
+ABOUT = 0.04  # that of one about its centre, where no stage is in the model,
+EXPLAIN = 0.5  # and the share of the plays there: what our voltage does not drive is noise
 EXPECTED = 0.1  # of the gain of all plays: how far a weight is from the one that is expected,
 EXPECTS = 5  # where the error of a window is so many times its residual
-STANDS = 0.1  # of a resonance that is shown so: where fewer plays move it further there is none
+STANDS = 0.1  # of a resonance that is shown so, or about its centre: where fewer plays move it further there is none
 LEAST = 0.005  # the smallest error of an estimate, over it
 LEAST_IN_BURST = 0.01  # that of one that need not be near its centre, in a burst
 WALK = 0.002  # how far the resonance moves in a window
@@ -130,6 +132,10 @@ class ResonanceEstimator:
     it is 0.6 times as high, from 0.15 of the sample rate down to 40 Hz or twice the frequency of the motion, and then,
     in turns, from there again and from 0.36 of the sample rate on.
 
+    Until a stage is in the model, an estimate about its centre counts where c2 is known within 8 %, if four of the
+    plays show it within 10 %, too, and the plays explain half of what ringing alone does not. Each second window of a
+    search is about what is known then, where anything is.
+
     What the windows show becomes `known`, by a scalar Kalman filter. A model of hysteresis that is not right shifts an
     estimate by more than its noise: five times its deviation and 0.5 % count. Where five times the deviation is below
     0.5 %, one window is enough, wherever its centre was. Two windows in a row beyond three deviations of what is known
@@ -188,6 +194,7 @@ class ResonanceEstimator:
         self._speed = self._change = self._error = 0.0  # sums of a window
         self._strange = False  # the last window was far from what is known
         self._again = False  # the next search begins above
+        self._swept = 0.0  # where the search goes on behind a window about what is known; 0: about that
 
     def lowest(self, tick: float) -> float:
         """Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s."""
@@ -315,7 +322,7 @@ class ResonanceEstimator:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
         lowest = self.lowest(tick)
-        window = self._shown(lowest, expected)
+        window = self._shown(lowest, expected, burst > 0 and self._speed > 0)
         if window.f0 > 0:
             fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
@@ -330,16 +337,20 @@ class ResonanceEstimator:
 
     def _next(self, window: _Window, lowest: float, highest: float, burst: float) -> float:
         """The next centre, behind a window."""
-        below, points = NEXT * self.centre, window.points
+        first, about, points = burst > 0, self._is_about(self.known), window.points  # no stage is in the model
+        below = NEXT * (self._swept if first and about and self._swept > 0 else self.centre)
         if window.f0 > 0:
             self._pointed = 0
             return window.f0
         if not self._speed > 0 and QUIET * self.power < burst:  # at rest nothing shows, wherever the window is
             return self.centre
         elsewhere = 0 < points <= highest and not self._is_about(points)
-        if elsewhere and burst > 0 and self._pointed < MOST_POINTED:
+        if elsewhere and first and self._pointed < MOST_POINTED:
             self._pointed += 1
             return points
+        if first and self.known > lowest and not about:
+            self._swept = self.centre
+            return self.known
         if below > lowest:
             return below
         self._pointed = 0
@@ -376,17 +387,21 @@ class ResonanceEstimator:
             N[i][i] += left / (self._window * (spread * spread))
         return N
 
-    def _shown(self, lowest: float, expected: FloatArray | None) -> _Window:
-        """What the window shows with plays that are free, or else with those that are expected."""
-        of_plays = self._shown_by(self._sums(), lowest, SURE, TRUST)
+    def _shown(self, lowest: float, expected: FloatArray | None, first: bool) -> _Window:
+        """What the window shows with plays that are free, or else with those that are expected.
+
+        Where something moves and no stage is in the model, `first`, an estimate about the centre may be less certain.
+        """
+        of_plays = self._shown_by(self._sums(), lowest, SURE, ABOUT if first else SURE, TRUST)
         if of_plays.f0 > 0 or expected is None or not of_plays.left > 0:
             return of_plays
         N = self._sums_with_expected(expected, of_plays.left)
-        window = self._shown_by(N, lowest, SURE_EXPECTED, TRUST_EXPECTED)
+        about = ABOUT if first else SURE_EXPECTED
+        window = self._shown_by(N, lowest, SURE_EXPECTED, about, TRUST_EXPECTED)
         f0 = 0.0 if window.sensitivity > STANDS else window.f0
         return window._replace(f0=f0, points=of_plays.points)
 
-    def _shown_by(self, N: list[list[float]], lowest: float, sure: float, trust: float) -> _Window:
+    def _shown_by(self, N: list[list[float]], lowest: float, sure: float, about: float, trust: float) -> _Window:
         """What sums of products show."""
         if not _eliminate(N, 0, COARSE):
             return _Window()
@@ -407,19 +422,23 @@ class ResonanceEstimator:
         y2 = derivative[2] - N[THIRD][BAND] / N[BAND][BAND] * y0 - N[THIRD][HIGH] / N[HIGH][HIGH] * y1
         spread = y0 * y0 / N[BAND][BAND] + y1 * y1 / N[HIGH][HIGH] + y2 * y2 / N[THIRD][THIRD]
         of_ratio = left * spread / self._window if left > 0 else 0.0
-        deviation, doubtful = 2 * sure * ratio, 2 * POINTS * ratio
+        doubtful = 2 * POINTS * ratio
         if not of_ratio < doubtful * doubtful:
             return nothing
         f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
         if not lowest < f0 < HIGHEST:
             return nothing
+        sensitivity = _sensitivity(fewer, ratio)
+        share = self._share_of_plays(left)
+        stands = self._is_about(f0) and not sensitivity > STANDS and share > EXPLAIN
+        deviation = 2 * (about if stands else sure) * ratio
         if not of_ratio < deviation * deviation:
-            return _Window(left=left, points=f0)
+            return _Window(sensitivity=sensitivity, left=left, points=f0)
         lag = _dead_time(lag / (2 * tangent(math.pi * self.centre)), 2 * math.pi * f0)
-        self.driven = self._share_of_plays(left)
+        self.driven = share
         within = NEAREST * self.centre < f0 < FURTHEST * self.centre
         variance = trust * trust * of_ratio / (4 * ratio * ratio)
-        return _Window(f0 if within else 0.0, variance, lag, _sensitivity(fewer, ratio), left, f0)
+        return _Window(f0 if within else 0.0, variance, lag, sensitivity, left, f0)
 
     def _share_of_plays(self, left: float) -> float:
         """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""

@@ -33,7 +33,8 @@ from truestroke.signals.trajectories import Trajectory
 
 SPEED = 0.5  # of the slew limit: velocity of moves
 STROKES = 50.0  # a second: the same; steps of a tenth of the stroke take what the stage needs, large moves excite less
-LOST = 1.0  # s with a large error, after which an axis has lost its way
+LOST = 1.0  # s with a large error, after which an axis has lost its way,
+FAR = 20  # times as soon with one of more than its stroke, which is another one or has another sensor
 BOTH_SIDES = 0.5  # of the highest voltage: a lowest one that is as far below 0 moves the stage to both sides
 AVERAGE = 0.01  # s of rest over which a reading is averaged
 ZERO = 0.05  # s of rest before the first motion, for the zero of the sensor
@@ -141,15 +142,22 @@ class _Line:
 
     def _note(self, reading: float) -> None:
         self.measured = reading
-        if not abs(reading - self.at) > self._limit:
+        error = abs(reading - self.at)
+        if not error > self._limit:
             self._lost = max(self._lost - 1, 0)
             return
-        self._lost += 1
-        if self._lost >= self._patience:
-            raise DriverError(
-                f"axis {self.name}: tracking is lost: more than {self._limit:.3g} um (error_limit) off for {LOST:g} s; "
-                f"the sensor shows {reading:.4g} um, {self.at:.4g} um are asked for. {REMEDY}"
+        far = error > self.stroke
+        self._lost += FAR if far else 1
+        if self._lost < self._patience:
+            return
+        about = f"the sensor shows {reading:.4g} um, {self.at:.4g} um are asked for"
+        if far:
+            words = (
+                f"further off than its stroke, {self.stroke:.3g} um; {about}: correct stroke, or scale of the sensor"
             )
+        else:
+            words = f"more than {self._limit:.3g} um (error_limit) off for {LOST:g} s; {about}"
+        raise DriverError(f"axis {self.name}: tracking is lost: {words}. {REMEDY}")
 
     @property
     def reading(self) -> float:

@@ -272,12 +272,13 @@ not see it: raise the sample rate
         return np.concatenate([self._with_aliases(part, sensor=sensor) for part in parts]).reshape(f.shape)
 
     def _with_aliases(self, f: FloatArray, *, sensor: bool) -> ComplexArray:
-        f = f[:, None] + self.sample_rate * np.arange(-ALIASES, ALIASES + 1)
-        tick = f / self.sample_rate
+        turns, aliases = f[:, None] / self.sample_rate, np.arange(-ALIASES, ALIASES + 1)
+        tick = turns + aliases
         delay = self.dead_time + self.sensor_delay if sensor else self.dead_time
-        share, means = averaged(delay * self.sample_rate), np.sinc(tick)
+        share, sine = averaged(delay * self.sample_rate), np.sin(math.pi * turns) * (1 - 2 * (aliases % 2))
+        means = np.divide(sine, math.pi * tick, out=np.ones_like(tick), where=tick != 0)  # sinc, of one sine for all
         means *= means if share == 1.0 else np.sinc(share * tick)
-        return np.asarray(np.sum(self.continuous(f, sensor=sensor) * means, axis=-1))
+        return np.asarray(np.sum(self.continuous(self.sample_rate * tick, sensor=sensor) * means, axis=-1))
 
     # ---- Sample rates ----------------------------------------------------------------------------------------------
 

@@ -184,9 +184,11 @@ def doubt_outgrown(c: State, law: FilteringLaw) -> None:
     stage, guard = c.stage, c.kept.guard
     if c.path is None:
         stage.widest = 0.0
-    elif guard.held == 0 and guard.error < FOLLOWED and guard.range > WIDER * stage.widest:
-        stage.widest = guard.range
-        law.outgrown = True
+    elif guard.held == 0 and guard.error < FOLLOWED:
+        outgrown, slow = guard.range > WIDER * stage.widest, c.settings.other_axes > 0  # as y of a scan
+        if outgrown or (slow and guard.range > stage.widest):
+            stage.widest = guard.range
+        law.outgrown = law.outgrown or outgrown
 
 
 def is_restored(c: State) -> bool:
