@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from truestroke import AdaptiveController, SettingError
+from truestroke import AdaptiveController, LimitWarning, SettingError
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification import identify, load_model, refine, save_model, waveform
 from truestroke.identification.fitting import select
@@ -148,7 +148,8 @@ def test_the_inverse_undoes_the_prediction():
 def test_the_inverse_stays_within_limits_and_slew():
     m = model().replace(rate_scale=0.0)
     x = wave(100, 0.0, 100.0)
-    volts = m.invert(m.predict(x, 1000.0), 1000.0, voltage_limits=(10.0, 80.0), slew_limit=2e4)
+    with pytest.warns(LimitWarning):
+        volts = m.invert(m.predict(x, 1000.0), 1000.0, voltage_limits=(10.0, 80.0), slew_limit=2e4)
     assert volts.min() == 10.0
     assert volts.max() == 80.0
     assert 19.9 < np.abs(np.diff(volts)).max() <= 20.0 + 1e-9
