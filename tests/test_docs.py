@@ -62,10 +62,14 @@ def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:
 
 
 def run_console(block: str, folder: Path) -> None:
-    """Run each `$ truestroke` line of the block; the lines behind it are what it prints."""
+    """Run each `$ truestroke` line of the block; the lines behind it are what it prints.
+
+    It ends with 0, or with what the comment `# exit code N` behind it says.
+    """
     for command, expected in re.findall(r"^\$ (truestroke\b.*)\n?((?:(?!\$ ).*\n?)*)", block, flags=re.MULTILINE):
         code, printed, messages = run_command(shlex.split(command, comments=True)[1:], folder)
-        assert code == 0, f"$ {command}\n{printed}{messages}"
+        stated = re.search(r"# exit code (\d+)$", command)
+        assert code == (int(stated[1]) if stated else 0), f"$ {command}\n{printed}{messages}"
         if expected.strip():
             assert_prints(expected, printed, tolerance=0.05)
 

@@ -4,16 +4,20 @@ import bz2
 import gzip
 import json
 import pickle
+import re
 import zipfile
 from pathlib import Path
 
+import h5py
 import numpy as np
+import openpyxl
 import pytest
 
 from truestroke.identification import RecordError, read_record
 
 T = np.arange(200) / 100.0
 TABLE = np.column_stack([T, 5 - 5 * np.cos(9 * T), 2 - 2 * np.cos(9 * T - 0.1)])
+VOLTS, MOVED = TABLE[:, 1], TABLE[:, 2]
 LINES = [",".join(f"{v:.5f}" for v in row) for row in TABLE]
 TEXT = "time (s),volts (V),z (um)\n" + "\n".join(LINES) + "\n"
 
@@ -24,6 +28,85 @@ def test_a_text_of_two_bytes_without_a_mark_and_decimal_commas_between_spaces(tm
     spaced = TEXT.replace(" (", "(").replace(",", " ").replace(".", ",")
     (file := tmp_path / "b.dat").write_text(spaced)
     assert np.allclose(read_record(file).displacement, TABLE[:, 2], atol=1e-5)
+
+
+GCS = """# REM E-727
+# VERSION = 1
+# SEPARATOR = 32
+# DIM = 2
+# SAMPLE_TIME = 0.000500
+# NAME0 = Control Output of chan1
+# NAME1 = Current Position of Axis1
+# END_HEADER
+"""
+
+
+def test_the_header_of_a_pi_controller_has_names_and_sample_time(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_text(GCS + "\n".join(f"{v:.6f} {z:.6f}" for v, z in zip(VOLTS, MOVED, strict=True)))
+    record = read_record(tmp_path / "a.dat", volts="Control Output of chan1", displacement="Current Position of Axis1")
+    assert (record.sample_rate, record.time[-1]) == (pytest.approx(2000.0), pytest.approx((VOLTS.size - 1) / 2000.0))
+    np.testing.assert_allclose(record.displacement, MOVED, atol=1e-6)
+    with pytest.raises(RecordError, match=r"there are column 1 'time' \(s\), column 2 'Control Output of chan1'"):
+        read_record(tmp_path / "a.dat")
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("0x00A{},2.5,5.1", "hexadecimal numbers: write decimal ones"),
+        ("0.{}|2.5|5.1", "| between the columns: write commas"),
+        ("11:22:0{}.5 PM,2.5,5.1", "AM or PM: write 13:45:00"),
+        ("0.{} s,2.5 V,5.1 um", "units beside the numbers: write them in the heading"),
+        ("t=0.{} V=2.5 z=5.1", "names beside the numbers"),
+        ("[0.{} 2.5 5.1]", "brackets: write the numbers alone"),
+        ("row,0.{},2.5,5.1", "a row has numbers alone"),
+    ],
+)
+def test_what_keeps_rows_from_being_numbers_is_named(tmp_path: Path, row: str, says: str) -> None:
+    (tmp_path / "a.csv").write_text("\n".join(row.format(k % 10) for k in range(60)))
+    with pytest.raises(RecordError, match=re.escape(says)):
+        read_record(tmp_path / "a.csv")
+
+
+def test_signals_in_rows_are_named(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.vstack([VOLTS, MOVED]))
+    with pytest.raises(RecordError, match="the signals are in rows; transpose the matrix"):
+        read_record(tmp_path / "a.npy", sample_rate=100.0)
+    (tmp_path / "a.csv").write_text("\n".join(",".join(f"{v:.4f}" for v in x) for x in (VOLTS, MOVED)))
+    with pytest.raises(RecordError, match=r"and \d+ more: are the signals in rows\? Transpose them") as said:
+        read_record(tmp_path / "a.csv", sample_rate=100.0)
+    assert len(str(said.value)) < 2000
+
+
+def test_objects_of_python_and_texts_are_named(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.array({"volts": VOLTS}, dtype=object))
+    with pytest.raises(RecordError, match=r"it holds objects of Python; np\.savez writes"):
+        read_record(tmp_path / "a.npy", sample_rate=100.0)
+    np.savez(tmp_path / "a.npz", volts=VOLTS.astype(str), z=MOVED)
+    with pytest.raises(RecordError, match="write its numbers as numbers, not as text"):
+        read_record(tmp_path / "a.npz", sample_rate=100.0)
+
+
+def test_counts_of_hdf5_with_scale_and_offset_are_numbers(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["volts"] = VOLTS
+        file["z"] = np.round(1e3 * (MOVED - 2.0)).astype(np.int16)
+        file["z"].attrs.update(scale_factor=1e-3, add_offset=2.0, units="um")
+    np.testing.assert_allclose(read_record(tmp_path / "a.h5", sample_rate=100.0).displacement, MOVED, atol=6e-4)
+
+
+def test_another_sheet_and_cells_of_text_are_named(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active.append(["Operator", "me"])
+    book.create_sheet("Data").append([0.0, 1.0])
+    book.save(tmp_path / "a.xlsx")
+    with pytest.raises(RecordError, match=r"is the record on another sheet \(Data\)\? Move it to the front"):
+        read_record(tmp_path / "a.xlsx")
+    book.remove(book["Data"])
+    book.active.append(["0,5", "1,5"])
+    book.save(tmp_path / "b.xlsx")
+    with pytest.raises(RecordError, match="its numbers are texts: convert the cells to numbers"):
+        read_record(tmp_path / "b.xlsx")
 
 
 def test_an_array_of_numpy_is_a_table(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Waveforms from a model: they undo its prediction, keep the limits, and tell where they fall short."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from click.testing import CliRunner
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from truestroke import SettingError, trajectories
+from truestroke import LimitWarning, SettingError, trajectories
 from truestroke.cli import main
 from truestroke.identification import (
     ActuatorModel,
@@ -149,6 +150,61 @@ def test_what_the_record_never_showed_is_told():
     assert made.beyond.voltage == made.beyond.velocity == ()
 
 
+def test_the_array_of_a_motion_that_a_limit_forbids_is_warned_of():
+    z = 10.0 - 8.0 * np.cos(np.arange(400) / 30.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        straight().invert(z, 1000.0)
+        straight().invert(z + 2.3, 1000.0)  # by 0.3 um: less than is tolerable
+    with pytest.warns(LimitWarning, match=r"0 to 2 V .* off by at most 6 um") as said:
+        straight().invert(z + 8.0, 1000.0)
+    assert said[0].filename == __file__
+    with pytest.warns(LimitWarning, match="too fast"):
+        straight().invert(z, 1000.0, slew_limit=20.0)
+
+
+# ---- The verdict ---------------------------------------------------------------------------------------------------
+
+CLEAN = {"held_out_rmse_um": 0.02}
+
+
+@pytest.mark.parametrize(
+    ("changes", "motion", "limits", "level", "reason"),
+    [
+        ({}, (16.0, 1.0), {}, "good", ""),
+        ({}, (22.0, 1.0), {}, "doubtful", "out of reach of 0 to 2 V, those of the model's record: off by up to 1 um"),
+        ({}, (26.0, 1.0), {}, "bad", "It asks for -3 to 23 um, and 0 to 20 um are predicted. Move it"),
+        ({}, (26.0, 1.0), {"voltage_limits": (-1.0, 3.0)}, "doubtful", "The voltage is beyond that of the model's"),
+        ({}, (48.0, 0.5), {"voltage_limits": (-2.0, 4.0)}, "bad", "by up to 70 % of its range"),
+        ({}, (16.0, 6.0), {}, "good", ""),  # three times as fast as the record: 0.06 um may be hidden
+        ({}, (16.0, 25.0), {}, "doubtful", "The motion is 13 times as fast as the model's record"),
+        ({"metrics": {"held_out_rmse_um": 0.2}}, (16.0, 25.0), {}, "bad", "such as that of a lag, may be 2.5"),
+        ({"tested_frequency": 2.0}, (16.0, 6.0), {}, "doubtful", "above 2 Hz, where the record tests no response"),
+        ({"metrics": {"held_out_rmse_um": 0.5}}, (16.0, 1.0), {}, "doubtful", "The error of the model itself is 0.5"),
+        ({"metrics": {"held_out_rmse_um": 0.5}}, (2.0, 1.0), {}, "bad", "25 % of the motion's peak-to-peak"),
+        ({"provenance": {"verdict": "doubtful", "reason_1": "Noise."}}, (16.0, 1.0), {}, "doubtful", "is doubtful: "),
+        ({"provenance": {"verdict": "bad", "reason_1": "Swapped."}}, (16.0, 1.0), {}, "bad", "is bad: Swapped."),
+        ({}, (16.0, 1.0), {"slew_limit": 3.0}, "bad", "The slew limit holds the motion back in"),
+    ],
+)  # fmt: skip
+def test_the_verdict_says_whether_the_motion_is_made(changes, motion, limits, level, reason):
+    """A sine about 10 um of (peak-to-peak, frequency); the record: 0 to 2 V, 100 um/s."""
+    peak_to_peak, frequency = motion
+    t = np.arange(4000) / 2000.0
+    z = 10.0 - peak_to_peak / 2 * np.cos(2 * np.pi * frequency * t)
+    made = waveform(straight(**{"metrics": CLEAN, **changes}), z, 2000.0, **limits)
+    assert made.verdict.level == level, made.verdict
+    assert reason in " ".join(made.verdict.reasons)
+
+
+def test_a_step_that_the_slew_limit_delays_for_a_moment_is_not_bad():
+    z_d = np.where(np.arange(1000) < 300, 4.0, 14.0)
+    fast = straight(metrics=CLEAN).replace(velocity=1e5)
+    assert waveform(fast, z_d, 1000.0, slew_limit=2000.0).verdict.level == "good"
+    late = waveform(fast, z_d, 1000.0, slew_limit=20.0).verdict
+    assert (late.level, len(late.reasons)) == ("doubtful", 1)
+
+
 def test_bad_arguments_are_named():
     with pytest.raises(SettingError, match=r"displacement.*at least two"):
         waveform(straight(), [1.0], FS)
@@ -192,20 +248,26 @@ def test_command_writes_what_it_says(call):
     assert read_record("again.csv", displacement="desired").volts == pytest.approx(played.volts)
 
 
-def test_command_warns_and_is_strict_when_asked(call):
+def test_command_has_a_verdict_and_is_strict_when_asked(call):
     words = ["triangle", "--frequency", "1", "--peak-to-peak", "24", "--duration", "2"]
     done = call(*words)
-    assert done.exit_code == 0
+    assert done.exit_code == 4
     assert "- out of reach: a voltage limit bounds it" in done.stdout
+    assert "verdict    BAD" in done.stdout
+    assert "of 0 to 2 V, those of the model's record: off by up to 4 um, 17 %" in " ".join(done.stdout.split())
+    assert "give other --voltage-limits" in " ".join(done.stdout.split())
+    assert "Do not output it for this motion." in Path("waveform.html").read_text()
     done = call(*words, "--strict", "--json")
-    assert done.exit_code == 1
+    assert done.exit_code == 4
     printed = json.loads(done.stdout)
     assert printed["out_of_reach_um"][0]["worst"] == pytest.approx(4.0, abs=0.05)
     assert len(printed["warnings"]) == 1
+    assert (printed["verdict"], len(printed["reasons"])) == ("bad", 1)
     done = call(*words, "--voltage-limits", "-1", "3", "--slew", "1000", "--strict", "--plots", "pictures")
     assert {path.name for path in Path("pictures").iterdir()} == {"waveform-light.png", "waveform-dark.png"}
     assert done.exit_code == 1
     assert "- outside of the voltages of the record, 2 times" in done.stdout
+    assert "verdict    doubtful" in done.stdout  # 0.2 V of 2 V
     assert call(*words[:3], "--duration", "2", "--peak-to-peak", "14", "--strict").exit_code == 0
 
 

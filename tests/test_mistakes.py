@@ -136,6 +136,19 @@ def test_reversal_curves_that_go_further_and_further_are_no_other_gain(seed: int
         assert not any("of the gain" in text for text in examine(record).implausible)
 
 
+def test_a_gain_that_changes_with_the_length_of_the_strokes_is_no_other_gain_and_a_step_is() -> None:
+    """24 curves from one end: Bouc and Wen; plays with three quarters of the gain from the middle on."""
+    turns = np.concatenate([[0.0, 1.0], np.ravel([[low, 1.0] for low in np.linspace(0.95, 0.0, 24)])])
+    way = np.concatenate([[0.0], np.abs(np.diff(turns)).cumsum()])
+    v = np.interp(np.arange(0.0, way[-1], 0.005), way, turns)
+    noise, half = 0.003 * np.random.Generator(np.random.PCG64(0)).standard_normal(v.size), v.size // 2
+    z = 15 * foreign_records.generalised_plays(v)
+    other = np.concatenate([z[:half], z[half] + 0.75 * (z[half:] - z[half])])
+    for moved, asked in ((18 * foreign_records.bouc_wen(v), False), (z, False), (other, True)):
+        texts = examine(Record.from_arrays(10 * v, moved + noise, sample_rate=50.0)).implausible
+        assert any("of the gain of before" in text for text in texts) == asked
+
+
 @pytest.mark.parametrize("seed", [34, 132])
 def test_twenty_strokes_of_an_actuator_that_creeps_show_no_other_gain(seed: int) -> None:
     """Twelve numbers are fitted to them, and a second gain at one of twenty places."""

@@ -160,6 +160,13 @@ def test_inner_loops_of_one_family_say_nothing_about_others(x: np.ndarray, good:
     assert any("inner loops elsewhere" in words for words in warnings) != good
 
 
+def test_a_random_wave_about_a_voltage_that_a_ramp_leads_to_has_loops_everywhere() -> None:
+    """The ramp and its range of voltages have no inner loops, and hide none of the wave."""
+    level, _, warnings = family((0.6 * (X - X.min()) / np.ptp(X) + 0.4) * np.minimum(4 * T, 1.0), 5.0)
+    assert level == "good"
+    assert not any("inner loops elsewhere" in words for words in warnings)
+
+
 def test_a_stroke_that_the_record_cuts_is_none_of_another_length() -> None:
     """Six strokes, and 0.6 of one."""
     _, reasons, warnings = family(4 * foreign_records.up_and_down(T, 0.165), 5.0)

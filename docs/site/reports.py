@@ -53,6 +53,7 @@ learn --passes 3 --output learn
 characterise --duration 2 --speeds 100,300 --output characterise
 identify record.csv --output identify.toml --report identify.html
 score identify.toml other.csv --report score.html
+invert sine --peak-to-peak 20 --duration 1 --model identify.toml --output invert.csv --report invert.html
 scan --output scan
 scan --config raster.toml --images gwy
 scan --config spiral.toml

@@ -8,7 +8,9 @@ from typing import Any
 import click
 
 import truestroke
+from truestroke.base import files
 from truestroke.cli import common, waveforms
+from truestroke.control import reach
 
 
 @click.command()
@@ -18,36 +20,39 @@ from truestroke.cli import common, waveforms
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, help="Of the random wave.")
 @waveforms.limit_options
 @click.option("--output", metavar="FILE", default="waveform.csv", help="A .csv or .npz.")
+@click.option("--report", metavar="FILE", default="waveform.html", help="The page is written there.")
 @common.page_options
 def invert(
-    trajectory: str, model: Path, output: str, plots: Path | None, strict: bool, as_json: bool, **options: Any
-) -> None:
+    trajectory: str, model: Path, output: str, report: str, plots: Path | None, strict: bool, as_json: bool,
+    **options: Any,
+) -> int:  # fmt: skip
     """Make a voltage waveform of a desired displacement.
 
     A file has columns t (s) and z (um), or z alone, as the sensor of the model's record reads it; a built-in motion
     begins at the model's zero. The actuator is assumed to rest under the first voltage. Reports where the motion is out
-    of reach or too fast, and where the model extrapolates.
+    of reach or too fast, and where the model extrapolates. The verdict says whether to use the waveform: good, doubtful
+    (usable, with the reasons), bad (exit code 4).
     """
+    page_file = common.to_write("--report", report, files.page("invert"))
     target = waveforms.waveform_file("--output", output)
     known = truestroke.load_model(model)
-    waveforms.warn_of(known)
     wave = waveforms.motion(trajectory, options, ramp=0.0)
     start = known.zero if trajectory in waveforms.MOTIONS else 0.0
     limits = waveforms.limits(known, options)
     made = truestroke.waveform(known, wave.position + start, wave.sample_rate, velocity=wave.velocity, **limits)
     waveforms.refuse_unreachable(made)
     truestroke.save_waveform(target, made)
-    pictures = []
-    if plots:
-        from truestroke.report import page
-        from truestroke.report.waveform import waveform
+    with common.progress("plotting"):
+        from truestroke.report import waveform as pages
 
-        pictures = page.save_plots(lambda theme: {"waveform": waveform(made, theme)}, plots)
+        page = pages.page(made, known, waveforms.rows(made, known), common.as_asked()["command"])
+        pictures = common.save_page(page, page_file, plots)
     if as_json:
-        found = {**waveforms.as_dict(made), "model_rmse_um": waveforms.error_of(known)}
-        common.print_json({**found, "waveform": str(target), "pictures": [str(path) for path in pictures]})
+        found = {**waveforms.as_dict(made), "model_rmse_um": reach.error_of(known)}
+        common.print_json({**found, "waveform": str(target), "page": str(page_file), "pictures": pictures})
     else:
         common.print_table(("predicted", "um", "of p-p"), waveforms.rows(made, known))
         waveforms.tell(made)
-        common.print_files(waveform=target, pictures=plots)
-    waveforms.leave(strict, made)
+        common.print_verdict(made.verdict)
+        common.print_files(waveform=target, page=page_file, plots=plots)
+    return waveforms.code(strict, made)

@@ -64,10 +64,10 @@ def refine(
         if made is not None and found.expected is not None:
             click.echo(f"\nnext pass, rmse expected {display.micrometres(found.expected)}")
             waveforms.tell(made)
+            common.print_verdict(made.verdict)
             click.echo(f"waveform   {target}")
-    if made is not None:
-        waveforms.leave(strict, made)
-    return ExitCode.of(found.verdict)
+    code = ExitCode.of(found.verdict)
+    return code if code or made is None else waveforms.code(strict, made)
 
 
 def _tell(found: truestroke.Refined, model: str) -> None:

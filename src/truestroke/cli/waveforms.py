@@ -11,7 +11,9 @@ import click
 
 import truestroke
 from truestroke.base import display, files
+from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
+from truestroke.control import reach
 from truestroke.control.settings import UNLIMITED
 
 if TYPE_CHECKING:
@@ -138,16 +140,11 @@ def learned(found: Learned) -> truestroke.PredictedWaveform:
 # ---- What is printed -----------------------------------------------------------------------------------------------
 
 
-def error_of(model: truestroke.ActuatorModel) -> float | None:
-    """Rmse of the model where it last met the actuator, um: held out by `identify`, or of the last pass."""
-    return model.metrics.get("held_out_rmse_um", model.metrics.get("prediction_rmse_um"))
-
-
 def rows(made: truestroke.PredictedWaveform, model: truestroke.ActuatorModel) -> list[tuple[str, str, str]]:
     """Predicted error, and that of the model itself, which is not in it."""
     span = float(made.desired.max() - made.desired.min()) or float("nan")
     errors = {"rmse": made.rmse, "maximum": made.maximum}
-    if (of_model := error_of(model)) is not None:
+    if (of_model := reach.error_of(model)) is not None:
         errors["of the model itself, rmse"] = of_model
     return error_rows(errors, span)
 
@@ -182,6 +179,7 @@ def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:
         "beyond_frequency_um": made.beyond.frequency,
     }
     return {
+        **made.verdict.as_dict(),
         "predicted_rmse_um": made.rmse,
         "predicted_maximum_um": made.maximum,
         "voltage_V": [float(made.volts.min()), float(made.volts.max())],
@@ -193,7 +191,6 @@ def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:
     }
 
 
-def leave(strict: bool, made: truestroke.PredictedWaveform) -> None:
-    """Exit code 1 where that was asked for."""
-    if strict and made.warnings:
-        click.get_current_context().exit(1)
+def code(strict: bool, made: truestroke.PredictedWaveform) -> int:
+    """Exit code: 4 of a bad verdict; else 1 where there is a warning, and that was asked for."""
+    return ExitCode.of(made.verdict) or (ExitCode.FAILED if strict and made.warnings else ExitCode.OK)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +17,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
-from truestroke.control import interval, inverse, stage, tested
+from truestroke.control import feasibility, interval, inverse, reach, stage, tested
 from truestroke.control.explored import Explored
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
 from truestroke.control.spans import Beyond, spans
@@ -506,7 +507,58 @@ class ActuatorModel(Displayed, Layout):
             Fastest change of the voltage, V/s.
         offset : float
             By how much the sensor's zero is above that of the record, um.
+
+        Warns
+        -----
+        LimitWarning
+            A limit holds the voltage back, and the prediction is farther from the motion than is tolerable:
+            `truestroke.waveform` says where, and has a verdict.
         """
+        limits = self.voltage_range if voltage_limits is None else voltage_limits
+        options: dict[str, Any] = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit}
+        volts = self._inverted(displacement, sample_rate, **options, offset=offset)
+        low, high = limits
+        fastest = np.abs(np.diff(volts)).max(initial=0.0) * float(sample_rate)
+        if volts.size and (volts.min() <= low or volts.max() >= high or fastest >= slew_limit * (1 - 1e-9)):
+            self._warn_of_limits(volts, displacement, sample_rate, limits, slew_limit, offset)
+        return volts
+
+    def _warn_of_limits(
+        self,
+        volts: FloatArray,
+        displacement: npt.ArrayLike,
+        sample_rate: float,
+        limits: tuple[float, float],
+        slew_limit: float,
+        offset: float,
+    ) -> None:
+        """LimitWarning for the caller of `invert`, where a limit keeps the motion from what is tolerable."""
+        made = reach.Made(
+            volts=volts,
+            desired=np.asarray(displacement, dtype=np.float64),
+            predicted=self.forward(volts, sample_rate, offset=offset),
+            sample_rate=float(sample_rate),
+            voltage_limits=limits,
+            slew_limit=slew_limit,
+        )
+        held = made.held_back(self)
+        if held.worst > reach.tolerable(self, made.desired):
+            words = f"voltage_limits = {limits[0]:.4g} to {limits[1]:.4g} V or the slew limit hold the motion back: "
+            words += "; ".join(held.warnings) + ". Move it, make it smaller or slower, or give other limits; "
+            words += "truestroke.waveform has a verdict on it"
+            warnings.warn(words, feasibility.LimitWarning, stacklevel=3)
+
+    def _inverted(
+        self,
+        displacement: npt.ArrayLike,
+        sample_rate: float,
+        *,
+        velocity: npt.ArrayLike | None = None,
+        voltage_limits: tuple[float, float] | None = None,
+        slew_limit: float = UNLIMITED,
+        offset: float = 0.0,
+    ) -> FloatArray:
+        """`invert` without its warning."""
         zero = self.zero + checks.number("offset", offset, "um")
         z_d = checks.finite_array("displacement", displacement, "um") - zero
         fs = checks.positive("sample_rate", sample_rate, "Hz")

@@ -169,7 +169,7 @@ def identify(
         part, *_ = fit_samples(taken, train, known, fixed, certain=False)
         if shown:
             shown(1, 2)
-        final, tried, response = fit_samples(taken, taken.volts.size, known, fixed, start=part.model.dynamics)
+        final, tried, response = fit_samples(taken, taken.volts.size, known, fixed, before=part)
     of_model = part.model.predict(taken.volts, fs)
     width = _half_width(part.model, taken, train, of_model)
     predicted = of_model + part.drift(taken.volts.size)
@@ -201,8 +201,10 @@ def _refuse_empty(s: Series, train: int) -> None:
     """Where there is nothing to learn from in the first part, or nothing to predict in the last."""
     for name, values, unit in (("volts", s.volts, "V"), ("displacement", s.displacement, "um")):
         if np.ptp(values[:train]) <= 1e-12 * np.abs(values).max():
-            rest = f"{values[0]:g} in the first {train} samples"
-            raise SettingError(name, rest, "moving before the held-out part", unit)
+            rest = f"{values[0]:g} {unit} in the first {train} rows"
+            raise SettingError(
+                name, rest, "moving before the held-out part: leave out rows of the rest at the beginning"
+            )
     for part, known in (("first", s.known[:train]), ("held-out", s.known[train:])):
         if np.count_nonzero(known) < FEWEST:
             found = f"{np.count_nonzero(known)} samples outside its gaps in the {part} part"

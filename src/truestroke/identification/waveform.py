@@ -1,6 +1,5 @@
 """From a desired displacement to a voltage waveform, and where it falls short."""
 
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,17 +11,15 @@ import numpy.typing as npt
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.control import actuator
+from truestroke.base.verdict import Verdict
+from truestroke.control import actuator, reach
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
-from truestroke.control.spans import Beyond, Span, in_words, spans
+from truestroke.control.spans import Beyond, Span
 from truestroke.signals import metrics
 from truestroke.signals.channels import Sampled
 
-LAGS = 3.0  # time constants after which a lag has forgotten a limit
-
-NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not reported
-
+GOOD = Verdict("good")
 
 Passes = tuple[tuple[FloatArray, FloatArray], ...]
 
@@ -63,12 +60,15 @@ class PredictedWaveform(Waveform):
         The same of the slew limit.
     beyond : Beyond
         Spans in which the prediction is beyond the record of the model.
+    verdict : Verdict
+        Whether it makes the motion, as far as the model knows; docs/exit-codes.md has the thresholds.
     """
 
     predicted: FloatArray
     out_of_reach: tuple[Span, ...]
     too_fast: tuple[Span, ...]
     beyond: Beyond
+    verdict: Verdict = GOOD
 
     @property
     def rmse(self) -> float:
@@ -83,12 +83,7 @@ class PredictedWaveform(Waveform):
     @property
     def warnings(self) -> tuple[str, ...]:
         """In words, where it cannot follow or extrapolates."""
-        found = [
-            in_words("out of reach: a voltage limit bounds it", self.out_of_reach, "off by at most", "um"),
-            in_words("too fast: the slew limit bounds it", self.too_fast, "off by at most", "um"),
-            *self.beyond.warnings,
-        ]
-        return tuple(words for words in found if words)
+        return *reach.Held(self.out_of_reach, self.too_fast).warnings, *self.beyond.warnings
 
 
 def waveform(
@@ -129,6 +124,8 @@ def waveform(
     (array([2., 2., 2.]), 2.0)
     >>> made.warnings
     ('out of reach: a voltage limit bounds it, once, 0.600 to 0.800 s, off by at most 4 um',)
+    >>> made.verdict.level
+    'bad'
     """
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     desired = checks.finite_array("displacement", displacement, "um")
@@ -136,7 +133,7 @@ def waveform(
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits
     options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
-    volts = model.invert(desired, sample_rate, **options)  # type: ignore[arg-type]
+    volts = model._inverted(desired, sample_rate, **options)  # type: ignore[arg-type]
     predicted = model.forward(volts, sample_rate, offset=offset)
     return described(model, volts, desired, predicted, float(sample_rate), limits, slew_limit)
 
@@ -152,31 +149,26 @@ def described(
     passes: Passes = (),
 ) -> PredictedWaveform:
     """A voltage with its prediction, and where it falls short; arguments as of `waveform` and its result."""
-    off = np.abs(predicted - desired)
-    short = off - NOTICED * model.stroke
-    late = math.ceil((model.delay + LAGS * model.time_constant) * sample_rate)
-    at_limit = _lasting(volts <= limits[0], late) & (predicted > desired)
-    at_limit |= _lasting(volts >= limits[1], late) & (predicted < desired)
-    slewed = _lasting(np.abs(np.diff(volts, prepend=volts[0])) * sample_rate >= slew_limit * (1 - 1e-9), late)
+    made = reach.Made(
+        volts=volts,
+        desired=desired,
+        predicted=predicted,
+        sample_rate=sample_rate,
+        voltage_limits=(float(limits[0]), float(limits[1])),
+        slew_limit=slew_limit,
+    )
+    held, beyond = made.held_back(model), model.beyond(volts, sample_rate, measured=False)
     return PredictedWaveform(
         sample_rate=sample_rate,
         volts=volts,
         desired=desired,
         predicted=predicted,
         passes=passes,
-        out_of_reach=spans(np.where(at_limit, short, 0.0), sample_rate, off),
-        too_fast=spans(np.where(slewed, short, 0.0), sample_rate, off),
-        beyond=model.beyond(volts, sample_rate, measured=False),
+        out_of_reach=held.out_of_reach,
+        too_fast=held.too_fast,
+        beyond=beyond,
+        verdict=reach.judged(model, made, held, beyond, measured=bool(passes)),
     )
-
-
-def _lasting(held: npt.NDArray[np.bool_], late: int) -> npt.NDArray[np.bool_]:
-    """Where a voltage that is held back may still be seen: in its sample, and in so many after it.
-
-    >>> _lasting(np.array([False, True, False, False]), 1).tolist()
-    [False, True, True, False]
-    """
-    return np.asarray(np.convolve(held, np.ones(late + 1))[: held.size] > 0.5)
 
 
 def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None:

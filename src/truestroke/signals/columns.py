@@ -13,6 +13,7 @@ from truestroke.signals import formats
 from truestroke.signals.tables import OTHERS, RecordError, Table, is_unit, name_and_unit, unit
 
 NO_VALUE = 1e30  # instruments mark what they have not measured by 9.9e37 or 9.91e37 (SCPI), or by a larger number
+LISTED = 24  # columns that an error names
 TIME_TOLERANCE = 0.01  # of a tick: how far a time in a file may lie from its even grid
 
 
@@ -108,7 +109,8 @@ def read_columns(
             raise RecordError(source, f"which column is {w.role}? Name it{help_}; {_listing(table)}")
     for role, index in found.items():
         if both := " and ".join(other for other, place in found.items() if place == index and other != role):
-            raise RecordError(source, f"{_heading(table, index)} is named twice, for {role} and {both}")
+            number = "; a heading is looked for before a number" if table.names and table.names[index].isdigit() else ""
+            raise RecordError(source, f"{_heading(table, index)} is named twice, for {role} and {both}{number}")
     chosen = {w.role: w for w in wanted if w.role in found}
     columns = {role: _column(source, table, w, found[role]) for role, w in chosen.items()}
     signals = dict(zip(chosen, table.read([found[role] for role in chosen], complete), strict=True))
@@ -153,7 +155,9 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
 
 
 def _listing(table: Table) -> str:
-    return "there are " + ", ".join(_heading(table, i) for i in range(table.width))
+    shown = ", ".join(_heading(table, i) for i in range(min(table.width, LISTED)))
+    more = table.width - LISTED
+    return f"there are {shown}" + (f" and {more} more: are the signals in rows? Transpose them" if more > 0 else "")
 
 
 def _heading(table: Table, index: int) -> str:

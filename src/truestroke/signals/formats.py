@@ -25,7 +25,7 @@ KINDS: dict[bytes, tuple[str, tuple[str, ...], str]] = {
     b"<?xml": ("XML", (), "export the numbers as .csv"),
     b"<!DOCTYPE": ("a web page", (), "export the numbers as .csv"),
     b"<html": ("a web page", (), "export the numbers as .csv"),
-    b'{"': ("JSON", (), "write its arrays as .csv or .npz"),
+    **dict.fromkeys((b'{"', b"[[", b"[{", b"{\n", b"[\n"), ("JSON", (), "write its arrays as .csv or .npz")),
     b"\x80\x04\x95": ("a pickle of Python", (), "write its arrays as .npz"),
     b"\x80\x05\x95": ("a pickle of Python", (), "write its arrays as .npz"),
 }
@@ -35,6 +35,31 @@ ZIPPED = (".npz", ".xlsx", ".xlsm")
 THOUSANDS = re.compile(r"(?<![\d.,])\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:'\d{3})+(?:[.,]\d+)?)(?![\d.,])")
 EITHER = re.compile(r"(?:^|(?<=[;\t\"]))\s*([+-]?(?:\d+,\d+|\d{1,3}(?:\.\d{3})+))\s*(?=$|[;\t\"])")  # a field alone
 DECIMAL_COMMAS = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?(\s+[+-]?\d+(,\d+)?([eE][+-]?\d+)?)+")
+
+
+UNREADABLE = {
+    re.compile(r"\b0x[0-9a-f]+\b", re.IGNORECASE): "has hexadecimal numbers: write decimal ones",
+    re.compile(r"\d\s*\|\s*[-+.\d]"): "has | between the columns: write commas, semicolons or tabs",
+    re.compile(r"\d:\d\d(:\d\d[.\d]*)?\s*[AP]M", re.IGNORECASE): "has times with AM or PM: write 13:45:00, or s",
+    re.compile(r"\d\s*(V|mV|um|µm|nm|mm|s|ms)\s*([,;\t]|$)"): "has units beside the numbers: write them in the heading",
+    re.compile(
+        r"\w\s*[=:]\s*[-+.\d]+.*\w\s*[=:]\s*[-+.\d]+"
+    ): "has names beside the numbers: write them in the heading",
+    re.compile(r"[\[({].*\d"): "has brackets: write the numbers alone",
+}
+"""What keeps a line from being numbers, and the remedy."""
+
+
+def unreadable(line: str) -> str:
+    """Why a line is no row of numbers, and the remedy; what such a row is where nothing is known.
+
+    Examples
+    --------
+    >>> unreadable("0x0000C6,2.2487"), unreadable("start,2.2487")
+    ('; it has hexadecimal numbers: write decimal ones', '; a row has numbers alone, between them , ; tabs or blanks')
+    """
+    found = next((words for pattern, words in UNREADABLE.items() if pattern.search(line)), "")
+    return f"; it {found}" if found else "; a row has numbers alone, between them , ; tabs or blanks"
 
 
 def other(path: Path) -> str:

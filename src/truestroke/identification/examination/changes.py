@@ -26,6 +26,7 @@ SHOWS, SCATTERS = 0.03, 0.4  # of the gain: what two explain beyond all else, rm
 HATS = 5  # functions of the length of a stroke
 FREE = 5  # strokes more than numbers that are fitted to them
 BY_FEW = 45.0  # Fisher's F of the second gain: few strokes make 42 by chance, another actuator 52 and more
+DRIFTS = 1.2  # times the squares of a step that a gain leaves which drifts from some stroke on, where it is a step
 STEADILY = -1  # in place of a stroke: the gain changes throughout
 RAMP_SURE, RAMP_SHOWS = 1.5, 0.012  # as `SURE` and `SHOWS`: a ramp has half the rms of a step
 OF_ITS_OWN = 0.5  # of the squares of a ramp: where strokes get longer, a ramp of the gain may be that of the length
@@ -209,6 +210,7 @@ def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
         and free >= FREE
         and (alone - squares) * free > BY_FEW * squares
         and math.sqrt(squares / free * gain.size / all_of_it) < SCATTERS * abs(more)
+        and (k == STEADILY or _drifts(usual, gain, length) > DRIFTS * squares)
     ):
         return
     if k == STEADILY:
@@ -246,6 +248,13 @@ def _change(usual: FloatArray, gain: FloatArray, length: FloatArray) -> tuple[fl
         squares, c = _squares(np.column_stack([usual, since]), gain)
         best = min(best, (squares, k, float(c[-1])))
     return best
+
+
+def _drifts(usual: FloatArray, gain: FloatArray, length: FloatArray) -> float:
+    """Squares beside a gain that changes steadily from some stroke on, at the place that explains most."""
+    middles = np.unique(np.linspace(0.0, gain.size - 2, 24).astype(int)).tolist()
+    ways = (np.maximum(np.arange(gain.size) - k, 0.0) * length for k in middles)
+    return min(_squares(np.column_stack([usual, way]), gain)[0] for way in ways)
 
 
 def _squares(columns: FloatArray, y: FloatArray) -> tuple[float, FloatArray]:

@@ -199,10 +199,14 @@ def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, flo
 def _places(turns: FloatArray) -> float | None:
     """How far strokes of one length are apart, over what the span lets them be; of `turns` of the voltage, V.
 
-    Lengths over `WHOLE` of the span are all at one place. The first and the last stroke are parts of longer ones.
+    Lengths over `WHOLE` of the span are all at one place. The first and the last stroke are parts of longer ones, or
+    lead from 0 V to where the motion is, and back: the span is that of the others.
     """
-    ends = (turns - turns.min()) / np.ptp(turns)
-    length, middle = np.abs(np.diff(ends))[1:-1], ((ends[1:] + ends[:-1]) / 2)[1:-1]
+    inner = turns[1:-1]
+    if inner.size <= FEW_PARTS:
+        return None
+    ends = (inner - inner.min()) / np.ptp(inner)
+    length, middle = np.abs(np.diff(ends)), (ends[1:] + ends[:-1]) / 2
     length, middle = length[length < WHOLE], middle[length < WHOLE]
     if length.size < FEW_PARTS:
         return None

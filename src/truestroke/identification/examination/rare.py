@@ -260,13 +260,12 @@ def nonlinear(record: Record, found: Findings) -> float | None:
     lags, longest = [0], FILTER[1] * float(np.median(np.diff(turns)))
     while len(lags) < FILTER[0] and max(2 * lags[-1], 1) <= longest:
         lags.append(max(2 * lags[-1], 1))
-    rows = max(record.segments, key=lambda s: s.stop - s.start)
-    x, z = record.volts[rows][:ROWS], record.displacement[rows][:ROWS]
-    first = lags[-1]
-    if x.size - first < 10 * len(lags):
+    rows = np.concatenate([np.arange(s.start + lags[-1], s.stop) for s in record.segments])[:ROWS]
+    if rows.size < 10 * len(lags):
         return None
-    columns = np.column_stack([np.ones(x.size - first), *(x[first - lag : x.size - lag] for lag in lags)])
-    rest = z[first:] - columns @ np.linalg.lstsq(columns, z[first:], rcond=1e-10)[0]
+    z = record.displacement[rows]
+    columns = np.column_stack([np.ones(rows.size), *(record.volts[rows - lag] for lag in lags)])
+    rest = z - columns @ np.linalg.lstsq(columns, z, rcond=1e-10)[0]
     return math.sqrt(max((100 * float(np.std(rest)) / found.stroke_um) ** 2 - noisy**2, 0.0))
 
 

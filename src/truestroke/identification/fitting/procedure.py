@@ -43,11 +43,12 @@ def fit_samples(
     delay: float | None,
     fixed: Mapping[str, Any],
     certain: bool = True,
-    start: Dynamics | None = None,
+    before: Fit | None = None,
 ) -> tuple[Fit, tuple[Tried, ...], Response]:
     """Dead time, lag, structure and weights from the first samples, and what was compared.
 
-    The search for modes begins with those of `start`, and intervals are made where `certain`.
+    The search for modes begins with those of the fit `before` to a part of the samples, whose branches stay where they
+    are nearly as much better. Intervals are made where `certain`.
     """
     s, zero = zeros.at_one_zero(s, samples)
     coarse = data_of(s, samples, CHOICE_ROWS)
@@ -57,14 +58,15 @@ def fit_samples(
     coarse, chosen = _behind_response(coarse, found, fixed)
     structure, weight, guess, tried = chosen
     fine = dataclasses.replace(data_of(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
-    resonant = fixed["modes"] and _resonances(s, coarse, fixed, chosen, start)
+    resonant = fixed["modes"] and _resonances(s, coarse, fixed, chosen, before)
     if resonant:
         dynamics, structure, weight, guess, tried = resonant
         fine = _behind_modes(fine, dynamics)
     weight *= fine.displacement.size / coarse.displacement.size  # as sure of the prior as what was compared
     plain = fit_structure(fine, structure, weight, guess)
     compared = _behind(coarse, fine)
-    fit, more = _branched(plain, fine, compared, structure, weight) if fixed["branches"] else (plain, ())
+    stay = before is not None and before.model.branches is not None
+    fit, more = _branched(plain, fine, compared, structure, weight, stay) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
     model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
     rows = compared.displacement.size / fine.displacement.size
@@ -122,10 +124,12 @@ def _behind(coarse: Data, fine: Data) -> Data:
     return dataclasses.replace(coarse, delay=fine.delay, time_constant=fine.time_constant, dynamics=fine.dynamics)
 
 
-def _branched(plain: Fit, fine: Data, compared: Data, s: Structure, weight: float) -> tuple[Fit, tuple[Tried, ...]]:
+def _branched(
+    plain: Fit, fine: Data, compared: Data, s: Structure, weight: float, stay: bool
+) -> tuple[Fit, tuple[Tried, ...]]:
     """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
     rows = fine.displacement.size / compared.displacement.size
-    taken = choose_branches(compared, s, weight / rows, plain.strain).taken
+    taken = choose_branches(compared, s, weight / rows, plain.strain, stay=stay).taken
     if taken is None:
         return plain, ()
     structure, weight, tried = taken
@@ -136,7 +140,7 @@ def _branched(plain: Fit, fine: Data, compared: Data, s: Structure, weight: floa
 
 
 def _resonances(
-    s: Series, static: Data, fixed: Mapping[str, Any], chosen: _Chosen, start: Dynamics | None
+    s: Series, static: Data, fixed: Mapping[str, Any], chosen: _Chosen, before: Fit | None
 ) -> tuple[Dynamics, Structure, float, FloatArray, tuple[Tried, ...]] | None:
     """Modes of the stage with their dead time in place of the delay, and what was chosen behind them.
 
@@ -150,7 +154,7 @@ def _resonances(
     if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
         return None
     pull = weight * searched.displacement.size / static.displacement.size
-    dynamics = _searched(s, searched, structure, pull, guess, start)
+    dynamics = _searched(s, searched, structure, pull, guess, None if before is None else before.model.dynamics)
     if dynamics is None:
         return None
     data = _behind_modes(static, dynamics)

@@ -39,6 +39,7 @@ DRIFTS_IF = 0.95  # times the rmse without a drift: with one it must be below
 BRANCHES_WITHIN = 0.7  # of the voltage range: where the rest of the record goes further, branches would mislead
 BRANCHES_IF = 0.65  # times the rmse of plays of the voltage alone: with branches it must be below
 BRANCHES_IF_NOISY = 0.6  # or times it, both without the noise of the sensor
+BRANCHES_STAY = 1.15  # times both: where the first part of the record has taken them
 BRANCHES_GAIN = 0.9  # in any case, and times the residual of the fit
 ENOUGH_BRANCHES = 1.1  # of the least rmse: the fewest branches that do not exceed it
 CURVED_PLAYS = 12  # of each curve
@@ -290,11 +291,12 @@ class BranchChoice(NamedTuple):
     taken: tuple[Structure, float, tuple[Tried, ...]] | None
 
 
-def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray) -> BranchChoice:
+def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray, *, stay: bool = False) -> BranchChoice:
     """The branches that predict later blocks better than the structure without.
 
     None where plays of the voltage alone are about as good, and where the rest of the record goes far beyond the
-    voltages of these rows. `strain` is the prediction of the plays before dead time and lag, um.
+    voltages of these rows. `strain` is the prediction of the plays before dead time and lag, um. Where they may `stay`
+    a part of these rows has taken branches.
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return BranchChoice(np.inf, None)
@@ -302,7 +304,8 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray)
     noise, weights = float(np.var(residual)), [w * weight for w in WEAKER]
     bank, tried = _with_branches(data, s, strain, KINDS, weights)
     of_sensor = sensor_noise(residual, (slice(0, residual.size),))
-    enough, near = (_enough(min(bank.rmse(s, w) for w in weights), of_sensor, times) for times in (1.0, FINER_IF))
+    plain = min(bank.rmse(s, w) for w in weights)
+    enough, near = (_enough(plain, of_sensor, times) for times in (BRANCHES_STAY if stay else 1.0, FINER_IF))
     of_kinds = min(entry[0] for entry in tried)
     if of_kinds < near and _places_of_turns(data) >= FINER_TURNS:
         tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]

@@ -2,6 +2,7 @@
 
 import importlib
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -17,10 +18,16 @@ from truestroke.base.typing import FloatArray
 from truestroke.signals.tables.headings import name_and_unit, names_and_units, stated_units, unit
 from truestroke.signals.tables.table import PROBE, RecordError, Table
 
+LIKE_A_NUMBER = re.compile(r"[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?")
+FEWEST = 20  # rows: a matrix with fewer, and with more columns, has its signals in rows
+
 
 def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callable[[str], npt.NDArray[Any]]) -> Table:
     """A table of arrays by name, one column each; one array with two axes is a table without names."""
     if len(names) == 1 and (whole := get(names[0]).squeeze()).ndim == 2 and whole.dtype.kind in "iuf":
+        if whole.shape[0] < FEWEST < whole.shape[1]:
+            reason = f"{whole.shape[0]} rows of {whole.shape[1]} numbers: the signals are in rows; transpose the matrix"
+            raise RecordError(str(path), reason)
         head = whole[:PROBE].astype(np.float64)
         return Table((), (), head, lambda columns, _: [_floats(whole[:, c]) for c in columns])
 
@@ -29,7 +36,8 @@ def _arrays(path: Path, names: Sequence[str], units: Sequence[str], get: Callabl
         for c, array in zip(columns, arrays, strict=True):
             if array.ndim != 1 or array.dtype.kind not in "iufMm":
                 kind = f"an array of shape {array.shape}" if array.dtype.kind in "iuf" else f"of type {array.dtype}"
-                raise RecordError(str(path), f"{names[c]} is {kind}, not a row of numbers")
+                remedy = "; write its numbers as numbers, not as text" if array.dtype.kind in "OSU" else ""
+                raise RecordError(str(path), f"{names[c]} is {kind}, not a row of numbers{remedy}")
             if array.size != arrays[0].size:
                 reason = f"{names[columns[0]]} has {arrays[0].size} rows, but {names[c]} has {array.size}"
                 raise RecordError(str(path), reason)
@@ -58,6 +66,12 @@ def _npz(path: Path) -> Table:
 
 def _npy(path: Path) -> Table:
     """A matrix, or an array with named fields."""
+    with path.open("rb") as file:
+        holds = np.lib.format
+        version = holds.read_magic(file)
+        header = holds.read_array_header_1_0 if version == (1, 0) else holds.read_array_header_2_0
+        if header(file)[2].hasobject:
+            raise RecordError(str(path), "it holds objects of Python; np.savez writes arrays by name, as .npz")
     whole = np.load(path, allow_pickle=False)
     if whole.dtype.names:
         names = whole.dtype.names
@@ -89,7 +103,10 @@ def _flat(held: Mapping[str, Any], group: str = "") -> dict[str, Any]:
 
 
 def _hdf5(path: Path) -> Table:
-    """Every dataset, also those in groups; the attribute "unit" or "units" is its unit, as in recordings."""
+    """Every dataset, also those in groups; the attribute "unit" or "units" is its unit, as in recordings.
+
+    scale_factor and add_offset, as of netCDF, make the numbers of what is stored.
+    """
     import h5py
 
     if not h5py.is_hdf5(path):
@@ -103,7 +120,11 @@ def _hdf5(path: Path) -> Table:
     def get(name: str) -> npt.NDArray[Any]:
         with hdf5.opened(path) as file:
             files.check_size(path, name, file[name].nbytes)
-            return np.asarray(file[name][()])
+            values = np.asarray(file[name][()])
+            factor, above = (file[name].attrs.get(key) for key in ("scale_factor", "add_offset"))
+            if factor is None and above is None:
+                return values
+            return values * (1.0 if factor is None else float(factor)) + (0.0 if above is None else float(above))
 
     with hdf5.opened(path) as file:
         marked = file.attrs.get("format") == hdf5.FORMAT
@@ -188,12 +209,18 @@ def _xlsx(path: Path) -> Table:
         files.check_size(path, "its sheets", sum(part.file_size for part in parts.infolist()))
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     cells = [list(row) for row in book.worksheets[0].iter_rows(values_only=True)]
+    others = [sheet.title for sheet in book.worksheets[1:]]
     book.close()
     numbers = [[_of_cell(cell) for cell in row] for row in cells]
     filled = [tuple(np.flatnonzero(~np.isnan(row))) for row in numbers]
     start = next((k for k in range(len(cells) - 1) if len(filled[k]) > 1 and filled[k] == filled[k + 1]), None)
     if start is None:
-        raise RecordError(str(path), "the first sheet has no two rows with numbers in the same cells, two or more")
+        reason = "the first sheet has no two rows with numbers in the same cells, two or more"
+        if others:
+            reason += f"; is the record on another sheet ({', '.join(others)})? Move it to the front"
+        elif any(isinstance(cell, str) and LIKE_A_NUMBER.fullmatch(cell.strip()) for row in cells for cell in row):
+            reason += "; its numbers are texts: convert the cells to numbers"
+        raise RecordError(str(path), reason)
     places = filled[start]
     above = [[str(row[p]).strip() if p < len(row) and row[p] else "" for p in places] for row in cells[:start]]
     values = [[row[p] if p < len(row) else math.nan for p in places] for row in numbers[start:]]

@@ -28,6 +28,7 @@ DOTTED_DATE = re.compile(
     r"(\d\d?)\.(\d\d?)\.(\d{4})(?:[T ]+(\d\d?:\d\d(?::\d\d(?:[.,]\d+)?)?))?"
 )  # 31.12.2026 13:45:00,5
 TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
+OF_GCS = re.compile(r"#\s*(NAME\d+|SAMPLE_TIME)\s*=\s*(.*?)\s*$")
 SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
 
 
@@ -72,12 +73,42 @@ def read_text(path: Path, narrowest: int) -> Table:
     layout = _layout(path, encoding, lines, narrowest)
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
     width = len(layout.fields(rows[0]))
-    names, units = _header(path, layout, lines[: layout.lines_before], width)
+    above = lines[: layout.lines_before]
+    if found := _general_command_set(above, width):
+        return _timed(layout, *found)
+    names, units = _header(path, layout, above, width)
     if names:
         units = stated_units(units, map(_is_moment, layout.fields(rows[0])))
     head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
-    _refuse_split(path, layout, lines[: layout.lines_before], head)
+    _refuse_split(path, layout, above, head)
     return Table(names, units, head, partial(_columns, layout), partial(_locate, layout), "line")
+
+
+def _general_command_set(above: Sequence[str], width: int) -> tuple[tuple[str, ...], float] | None:
+    """Names and sample time, s, of an array in a file of a PI controller (GCS), whose header has both.
+
+    Examples
+    --------
+    >>> _general_command_set(["# SAMPLE_TIME = 0.0005", "# NAME0 = Voltage", "# NAME1 = Position"], 2)
+    (('Voltage', 'Position'), 0.0005)
+    """
+    stated = {match[1]: match[2] for line in above if (match := OF_GCS.match(line))}
+    names = [stated.get(f"NAME{k}") for k in range(width)]
+    step = _number(stated.get("SAMPLE_TIME", ""))
+    return (tuple(map(str, names)), step) if all(names) and step > 0 else None
+
+
+def _timed(layout: _Layout, names: tuple[str, ...], step: float) -> Table:
+    """A table whose first column is the time, which the file has in its header alone."""
+
+    def read(columns: Sequence[int], complete: bool) -> list[FloatArray]:
+        wanted = [c - 1 for c in columns if c] or [0]
+        held = dict(zip(wanted, _columns(layout, wanted, complete), strict=True))
+        time = step * np.arange(held[wanted[0]].size, dtype=np.float64)
+        return [held[c - 1] if c else time for c in columns]
+
+    found, units = names_and_units(names)
+    return Table(("time", *found), ("s", *units), np.zeros((0, 0)), read, partial(_locate, layout), "line")
 
 
 def _refuse_split(path: Path, layout: _Layout, above: Sequence[str], head: FloatArray) -> None:
@@ -127,7 +158,8 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
     columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
     reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
-    shown += next(filter(None, map(formats.thousands, lines)), "")
+    marks = next(filter(None, map(formats.thousands, lines)), "")
+    shown += marks or formats.unreadable(lines[-1].strip() if lines else "")
     if any(SLASHED_DATE.search(line) for line in lines):
         shown += "; dates such as 03/04/2026 may be of two days: write 2026-04-03, or leave out the column"
     raise RecordError(str(path), reason + shown)
@@ -145,7 +177,8 @@ def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tu
     last = above[-1]
     if not all(math.isnan(_number(field)) for field in last):
         number, line = numbered[-1]
-        raise RecordError(str(path), f"{_shown(line)} is neither names nor numbers only", number, "line")
+        reason = f"{_shown(line)} is neither names nor numbers only; begin such a line with #, or leave it out"
+        raise RecordError(str(path), reason, number, "line")
     return names_and_units(last, above[-2] if len(above) > 1 and len(above[-2]) == width else ())
 
 
