@@ -233,7 +233,7 @@ def judge_growth(
         return
     grew = error > GREW * g.least and error > least_grown(c, noise) and not g.left
     g.bad = g.bad + 1 if grew else 0
-    if g.bad >= GROWN:
+    if g.bad >= (GROWN if g.wait == FIRST_HOLD else 1):
         hold_least(c, law, g, error)
 
 
