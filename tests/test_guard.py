@@ -92,6 +92,17 @@ def test_weights_that_would_have_half_of_the_error_are_not_held(size, missed, ac
     assert found[-1] is action
 
 
+def test_what_kept_weights_missed_counts_until_they_are_asked_again() -> None:
+    """Where nothing is learned they are not: a hold of another kind, say. Then they had been held at once, at 124 %."""
+    guard, found = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.002)), set()
+    for k in range(3000):
+        if guard.bad > 0 and k < 2000:
+            guard.compare(20 * np.sqrt(2) * np.sin(0.7 * k))
+        error = 20 * (0.001 if k < 1000 else 0.05) * np.sqrt(2) * np.sin(0.9 * k)
+        found.add(guard.update(error, 10 * np.sin(0.05 * k), counts=True, noise=1e-3))
+    assert Action.RESTORE not in found
+
+
 def test_weights_of_a_slow_motion_are_not_held_in_a_fast_one() -> None:
     """f0 given 15 % too low: they were 50 to 80 % off in a sine of f0/4, where the error was 4 %."""
     _, error, _ = changing_motion.follow(5118, 0.85, measured=False)

@@ -352,7 +352,7 @@ typedef struct {
     ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
     ts_real missed, misses; /* um, um^2: of what the weights to be restored miss in this window, less its first value */
     ts_real miss;           /* um */
-    ts_real missing;        /* by them in the window before, over the range; 0: they were not asked */
+    ts_real missing;        /* by them when they were asked last, over the range; 0: not since a window that was not bad */
     int ticks, counted;     /* of this window */
     int compared;           /* ticks of it in which those weights were asked */
     int bad;                /* windows in a row in which it was too large and did not fall */

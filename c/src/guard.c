@@ -202,7 +202,8 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
     bool enough = 4 * g->counted >= s->window;
     ts_real range = ts_guard_range(g, s), found = enough ? deviation(g->sum, g->square, g->counted) / range : 0, least = SHARE, mean = 0;
-    g->missing = 4 * g->compared >= s->window ? deviation(g->missed, g->misses, g->compared) / range : 0;
+    if (4 * g->compared >= s->window) g->missing = deviation(g->missed, g->misses, g->compared) / range;
+    else if (g->bad == 0) g->missing = 0;
     if (enough) {
         mean = g->first + g->sum / (ts_real)g->counted;
         g->drift = CENTRING * mean / (ts_real)s->window;

@@ -349,9 +349,8 @@ static void compare_kept(ts_controller *c)
 {
     const ts_kalman *k = &c->law.kalman;
     bool begun = c->kept.begun, other = c->stage.trial || (!begun && c->kept.staged != dynamics_of(c)->known);
-    if (other || ts_shows_gain(c)) return;
-    ts_real predicted = dot(k->u, begun ? c->kept.first : c->kept.w, TS_PADDED(c->parameters));
-    ts_guard_compare(&c->guard, k->started ? k->y - predicted : 0);
+    if (!k->started || other || ts_shows_gain(c)) return;
+    ts_guard_compare(&c->guard, k->y - dot(k->u, begun ? c->kept.first : c->kept.w, TS_PADDED(c->parameters)));
 }
 
 void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts)

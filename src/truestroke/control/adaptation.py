@@ -74,6 +74,7 @@ class FilteringLaw(Law, Protocol):
     steady: bool
     calm: bool
     outgrown: bool
+    started: bool
 
     def is_spike(self, e_m: float, noisy: float | None = None) -> bool:
         """Whether a measurement with the innovation e_m, um, is not to be used; noisy: what `tick` gets instead."""

@@ -152,7 +152,7 @@ class Guard:
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
         self.span = 0.0  # um: range of the motion when weights were kept
-        self.missing = 0.0  # by them in the window before, over the range; 0: they were not asked
+        self.missing = 0.0  # by them when asked last, over the range; 0: not since a window that was not bad
         self.compared = 0  # ticks of this window in which those weights were asked
         self.ticks = self.counted = self.bad = self.good = self.held = self.pause = self.small = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
@@ -205,8 +205,10 @@ class Guard:
             return Action.NOTHING
         enough, span = 4 * self.counted >= self.settings.window, self.range
         found = deviation(self.sum, self.square, self.counted) / span if enough else 0.0
-        asked = 4 * self.compared >= self.settings.window
-        self.missing = deviation(self.missed, self.misses, self.compared) / span if asked else 0.0
+        if 4 * self.compared >= self.settings.window:
+            self.missing = deviation(self.missed, self.misses, self.compared) / span
+        elif self.bad == 0:
+            self.missing = 0.0
         mean = self.first + self.sum / self.counted if enough else 0.0
         if enough:
             self.drift = CENTRING * mean / self.settings.window

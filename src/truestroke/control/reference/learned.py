@@ -337,7 +337,7 @@ def compare_kept(c: State, law: FilteringLaw) -> None:
     """
     kept = c.kept
     other = c.stage.trial or (not kept.begun and kept.staged is not (c.path is not None))
-    if not other and not shows_gain(c):
+    if law.started and not other and not shows_gain(c):
         kept.guard.compare(law.missing(kept.first if kept.begun else kept.weights))
 
 
