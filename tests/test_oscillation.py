@@ -138,6 +138,21 @@ def test_hum_is_no_failure_of_learning_and_no_ringing_that_decays() -> None:
     assert not controller.state()["found"][0]
 
 
+def test_a_state_that_is_restored_while_windows_are_bad_holds_no_weights_either() -> None:
+    """What the kept weights have missed so far is part of it."""
+    controller, plant = AdaptiveController(**BENCH), RealisticPlant(seed=7)
+    plant.open()
+    wave = random_wave(duration=3.0, cutoff=20.0, seed=7)
+    for k, (z_d, zdot_d) in enumerate(zip(wave.position[:2000], wave.velocity[:2000], strict=True)):
+        hum = 0.2 * math.sin(2 * math.pi * 50.0 * k / 2000.0 + 3)
+        controller.adapt(plant.exchange(np.array([controller.command(z_d, zdot_d)]))[0] + hum)
+        if k % 61 == 0:
+            twin = AdaptiveController(**BENCH)
+            twin.restore(controller.state())
+            controller = twin
+    assert controller.counters.restored == 0
+
+
 def test_on_hold_nothing_is_the_law_s_doing() -> None:
     controller, plant = (
         AdaptiveController(**BENCH),

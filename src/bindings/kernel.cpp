@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -203,8 +204,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("resonance_turns", &v.strange, 2);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
-    visit("guard", &c.guard.low, 14);
-    visit("guard_windows", &c.guard.ticks, 9);
+    visit("guard", &c.guard.low, (offsetof(ts_guard, ticks) - offsetof(ts_guard, low)) / sizeof(ts_real));
+    visit("guard_windows", &c.guard.ticks, (offsetof(ts_guard, kept) - offsetof(ts_guard, ticks)) / sizeof(int));
     visit("guard_found", &c.guard.kept, 5);
     visit("kept_first", &c.kept.first[0], m);
     visit("kept_weights", &c.kept.w[0], m);
@@ -285,9 +286,9 @@ void check_covariance(const ts_controller &c, const char *name, const ts_real *P
 
 void check_guard(const ts_controller &c) {
     const ts_guard &g = c.guard;
-    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0,
+    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0 && g.misses >= 0 && g.missing >= 0,
                 "a range and errors of 0 or more");
-    require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
+    require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.compared >= 0 && g.compared <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
                                  g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.swings >= 0 && g.swings < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
                                  g.ticks < INT32_MAX / 8 && g.wait >= TS_FIRST_WAIT && g.wait <= TS_LONGEST_WAIT,
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
@@ -355,7 +356,7 @@ void check_kalman(const ts_controller &c) {
     not_negative("rest", g.rest);
     not_negative("weights_age", g.age);
     const ts_growth &e = g.before.growth;
-    bool counted = e.ticks >= 0 && e.windows >= 0 && e.speed >= 0 && e.square >= 0 && e.least >= 0 && e.held >= 0 && e.good >= 0 && e.left >= 0 && e.wait >= 1;
+    bool counted = e.ticks >= 0 && e.windows >= 0 && e.speed >= 0 && e.square >= 0 && e.least >= 0 && e.held >= 0 && e.good >= 0 && e.left >= 0 && e.wait >= 1 && e.pace >= 0 && e.paced >= 0 && e.before >= 0 && e.rising >= 0;
     require_all("growth", !c.found.known || counted, "of counts and errors of 0 or more, and a wait of 1 or more");
     require_all("pending", !k.pending || k.variance > 0, "0 where innovation_variance is 0");
     check_covariance(c, "covariance", k.P);
