@@ -336,12 +336,16 @@ typedef enum {
     TS_GUARD_RETURN      /* it is not: the weights that were set aside again; learning was not the cause */
 } ts_guard_action;
 
+/* Values, um, as sums of what each is more than the first one: a large mean then takes no digits of their spread. */
+typedef struct {
+    ts_real first, sum, square; /* um, um, um^2 */
+    int counted;
+} ts_spread;
+
 /* Compares the tracking error of the weights that learn with that of the weights at their best, both over the range of the
  * motion, window by window; an error is the standard deviation of z - z_d in a window. */
 typedef struct {
     ts_real low, high;      /* um: of the motion, over about a second */
-    ts_real sum, square;    /* um, um^2: of the error in this window, less its first value */
-    ts_real first;          /* um */
     ts_real start;          /* um: the first error */
     ts_real ringing;        /* um: an error below it is ringing that decays, no failure */
     ts_real error;          /* of the window before, over the range */
@@ -350,11 +354,8 @@ typedef struct {
     ts_real drift;          /* um per tick: of the offset while the law does not learn, so that the mean error vanishes */
     ts_real span;           /* um: range of the motion when weights were kept */
     ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
-    ts_real missed, misses; /* um, um^2: of what the weights to be restored miss in this window, less its first value */
-    ts_real miss;           /* um */
-    ts_real missing;        /* by them when they were asked last, over the range; 0: not since a window that was not bad */
-    int ticks, counted;     /* of this window */
-    int compared;           /* ticks of it in which those weights were asked */
+    ts_real promised;       /* error over the range that the weights to be restored had when they were asked last; 0: not asked */
+    int ticks;              /* of this window */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */
     int held;               /* windows since weights were restored; 0: it learns */
@@ -365,15 +366,15 @@ typedef struct {
     bool kept, at_start, started;
     bool settled;           /* the error had been small for long when weights were kept, */
     bool lost;              /* and was large since then: others are kept when it has been small for long again */
+    ts_spread errors;       /* in this window, where they count, */
+    ts_spread missed;       /* and of what the weights to be restored miss in it */
 } ts_guard;
 
 /* How well the kept weights predict the measurements, while the model is lost. */
 typedef struct {
-    ts_real sum, square;    /* um, um^2: of what they miss, less its first value */
-    ts_real first;          /* um */
-    ts_real low, high;      /* um: of what they predict, */
-    ts_real rose, fell;     /* and how far it went up and down */
-    int ticks;
+    ts_real low, high; /* um: of what they predict, */
+    ts_real rose, fell; /* and how far it went up and down */
+    ts_spread missed;  /* of what they miss */
 } ts_recall;
 
 /* The gain of the first weights, until others were good: measured displacements over those that they predict, without what

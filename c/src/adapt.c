@@ -394,7 +394,7 @@ static bool measure(ts_controller *c, ts_real z)
     if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, z, error, d, staged);
     if (s->law == TS_LAW_KALMAN) {
         ts_watch_learning(c, error, d->z_d, used && (!at_limit || back));
-        if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.watch.recall.ticks = 0; /* u is not that of the measurement before */
+        if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.watch.recall.missed.counted = 0; /* u is not that of the measurement before */
         else if (used) ts_watch_kept(c, staged ? c->u : u, staged ? c->dynamics.z[1] : z);
     }
     return used;

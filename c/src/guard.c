@@ -31,26 +31,44 @@
 #define MOVED_BY ((ts_real)0.05) /* and of the range: by how much they may be off as a whole */
 #define FORGIVEN 8              /* times `wait` good windows until the next hold is shorter again */
 
-/* Standard deviation of so many values, of which there are sum and sum of squares. */
-static ts_real deviation(ts_real sum, ts_real square, int counted)
+static void count(ts_spread *s, ts_real x)
 {
-    ts_real n = (ts_real)counted, mean = sum / n, variance = square / n - mean * mean;
+    if (s->counted == 0) {
+        s->first = x;
+        s->sum = s->square = 0;
+    }
+    ts_real e = x - s->first;
+    s->sum += e;
+    s->square += e * e;
+    s->counted++;
+}
+
+static ts_real mean_of(const ts_spread *s)
+{
+    return s->first + s->sum / (ts_real)s->counted;
+}
+
+/* Rounding may make it less than 0. */
+static ts_real variance_of(const ts_spread *s)
+{
+    ts_real n = (ts_real)s->counted, mean = s->sum / n;
+    return s->square / n - mean * mean;
+}
+
+static ts_real deviation_of(const ts_spread *s)
+{
+    ts_real variance = variance_of(s);
     return variance > 0 ? root_of(variance) : 0;
 }
 
 static void begin_window(ts_guard *g)
 {
-    g->sum = g->square = g->missed = g->misses = 0;
-    g->ticks = g->counted = g->compared = 0;
+    g->ticks = g->errors.counted = g->missed.counted = 0;
 }
 
 void ts_guard_compare(ts_guard *g, ts_real missed)
 {
-    if (g->compared == 0) g->miss = missed;
-    ts_real e = missed - g->miss;
-    g->missed += e;
-    g->misses += e * e;
-    g->compared++;
+    count(&g->missed, missed);
 }
 
 /* How many half-waves of the error in a row have each grown beyond the one before. */
@@ -81,11 +99,7 @@ static void follow(ts_guard *g, const ts_guard_settings *s, ts_real error, ts_re
     g->ticks++;
     if (!counts) return;
     if (s->burst > 0) follow_swings(g, s, error);
-    if (g->counted == 0) g->first = error;
-    ts_real e = error - g->first;
-    g->sum += e;
-    g->square += e * e;
-    g->counted++;
+    count(&g->errors, error);
 }
 
 /* The held weights: whether they are better is known when the error no longer falls. */
@@ -115,7 +129,7 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
 
 bool ts_guard_promises(const ts_guard *g, ts_real error)
 {
-    return g->missing < PROMISES * error;
+    return g->promised < PROMISES * error;
 }
 
 /* The weights that learn; `whole`: the error with its mean. */
@@ -200,12 +214,12 @@ ts_guard_action ts_guard_tick(ts_guard *g, const ts_guard_settings *s, ts_real e
         return TS_GUARD_RESTORE;
     }
     if (g->ticks < s->window) return TS_GUARD_NOTHING;
-    bool enough = 4 * g->counted >= s->window;
-    ts_real range = ts_guard_range(g, s), found = enough ? deviation(g->sum, g->square, g->counted) / range : 0, least = SHARE, mean = 0;
-    if (4 * g->compared >= s->window) g->missing = deviation(g->missed, g->misses, g->compared) / range;
-    else if (g->bad == 0) g->missing = 0;
+    bool enough = 4 * g->errors.counted >= s->window;
+    ts_real range = ts_guard_range(g, s), found = enough ? deviation_of(&g->errors) / range : 0, least = SHARE, mean = 0;
+    if (4 * g->missed.counted >= s->window) g->promised = deviation_of(&g->missed) / range;
+    else if (g->bad == 0) g->promised = 0;
     if (enough) {
-        mean = g->first + g->sum / (ts_real)g->counted;
+        mean = mean_of(&g->errors);
         g->drift = CENTRING * mean / (ts_real)s->window;
     }
     begin_window(g);
@@ -230,25 +244,20 @@ void ts_guard_recall(ts_guard *g)
 
 bool ts_recall_tick(ts_recall *r, const ts_guard_settings *s, ts_real z, ts_real missed, ts_real range, ts_real noise, ts_real *offset)
 {
-    if (r->ticks == 0) {
-        r->sum = r->square = 0;
-        r->first = missed;
+    if (r->missed.counted == 0) {
         r->low = r->high = z;
         r->rose = r->fell = 0;
     }
-    ts_real e = missed - r->first;
-    r->sum += e;
-    r->square += e * e;
+    count(&r->missed, missed);
     if (z < r->low) r->low = z;
     if (z > r->high) r->high = z;
     if (z - r->low > r->rose) r->rose = z - r->low;
     if (r->high - z > r->fell) r->fell = r->high - z;
-    r->ticks++;
-    if (r->ticks % s->recall != 0) return false;
-    ts_real n = (ts_real)r->ticks, mean = r->sum / n, variance = r->square / n - mean * mean, moved = r->high - r->low;
-    ts_real most = MISSED * moved + OF_NOISE * noise;
-    *offset = r->first + mean;
-    bool near = *offset < MOVED_BY * range && *offset > -MOVED_BY * range, good = variance < most * most && near, enough = r->rose > MOVES * range && r->fell > MOVES * range;
-    if (!good || enough || r->ticks >= MOST_BLOCKS * s->recall) r->ticks = 0; /* the comparison begins anew */
+    if (r->missed.counted % s->recall != 0) return false;
+    ts_real most = MISSED * (r->high - r->low) + OF_NOISE * noise, least = MOVES * range;
+    *offset = mean_of(&r->missed);
+    bool near = *offset < MOVED_BY * range && *offset > -MOVED_BY * range;
+    bool good = near && variance_of(&r->missed) < most * most, enough = r->rose > least && r->fell > least;
+    if (!good || enough || r->missed.counted >= MOST_BLOCKS * s->recall) r->missed.counted = 0; /* the comparison begins anew */
     return good && enough;
 }

@@ -451,7 +451,7 @@ void ts_watch_kept(ts_controller *c, const ts_real *u, ts_real z)
         return;
     }
     if (!g->lost || c->kept.staged || c->hold || c->lagged.ticks < 2) {
-        c->kept.watch.recall.ticks = 0;
+        c->kept.watch.recall.missed.counted = 0;
         return;
     }
     ts_real change = c->motion[(c->lagged.ticks - 1) % TS_HISTORY].zdot_d - c->motion[(c->lagged.ticks - 2) % TS_HISTORY].zdot_d;

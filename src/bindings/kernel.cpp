@@ -207,6 +207,10 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("guard", &c.guard.low, (offsetof(ts_guard, ticks) - offsetof(ts_guard, low)) / sizeof(ts_real));
     visit("guard_windows", &c.guard.ticks, (offsetof(ts_guard, kept) - offsetof(ts_guard, ticks)) / sizeof(int));
     visit("guard_found", &c.guard.kept, 5);
+    visit("guard_errors", &c.guard.errors.first, 3);
+    visit("guard_errors_counted", &c.guard.errors.counted, 1);
+    visit("guard_missed", &c.guard.missed.first, 3);
+    visit("guard_missed_counted", &c.guard.missed.counted, 1);
     visit("kept_first", &c.kept.first[0], m);
     visit("kept_weights", &c.kept.w[0], m);
     visit("kept_aside", &c.kept.aside[0], m);
@@ -214,8 +218,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("kept_noise", &c.kept.sigma, 1);
     visit("kept_stage", &c.kept.filter, 4);
     visit("kept_found", &c.kept.oscillated, 4);
-    visit("recall", &c.kept.watch.recall.sum, 7);
-    visit("recall_ticks", &c.kept.watch.recall.ticks, 1);
+    visit("recall", &c.kept.watch.recall.low, offsetof(ts_recall, missed.counted) / sizeof(ts_real));
+    visit("recall_ticks", &c.kept.watch.recall.missed.counted, 1);
 }
 
 // What no run leaves behind; the entry is named.
@@ -286,12 +290,16 @@ void check_covariance(const ts_controller &c, const char *name, const ts_real *P
 
 void check_guard(const ts_controller &c) {
     const ts_guard &g = c.guard;
-    require_all("guard", g.high >= g.low && g.square >= 0 && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0 && g.misses >= 0 && g.missing >= 0,
+    require_all("guard", g.high >= g.low && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0 && g.promised >= 0,
                 "a range and errors of 0 or more");
-    require_all("guard_windows", g.ticks >= 0 && g.counted >= 0 && g.counted <= g.ticks && g.compared >= 0 && g.compared <= g.ticks && g.held >= 0 && g.held < INT32_MAX / 2 &&
+    require_all("guard_windows", g.ticks >= 0 && g.held >= 0 && g.held < INT32_MAX / 2 &&
                                  g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.swings >= 0 && g.swings < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&
                                  g.ticks < INT32_MAX / 8 && g.wait >= TS_FIRST_WAIT && g.wait <= TS_LONGEST_WAIT,
                 "counts of 0 or more, and a wait of " TS_TEXT(TS_FIRST_WAIT) " to " TS_TEXT(TS_LONGEST_WAIT));
+    require_all("guard_errors", g.errors.square >= 0, "a sum of squares of 0 or more");
+    require_all("guard_errors_counted", g.errors.counted >= 0 && g.errors.counted <= g.ticks, "0 to the ticks of the window");
+    require_all("guard_missed", g.missed.square >= 0, "a sum of squares of 0 or more");
+    require_all("guard_missed_counted", g.missed.counted >= 0 && g.missed.counted <= g.ticks, "0 to the ticks of the window");
     require_all("given_doubt", c.stage.doubt >= 0, "0 or more");
     require_all("given_doubted", c.stage.doubted >= 0, "0 or more");
     require_all("widest_motion", c.stage.widest >= 0, "0 or more");
@@ -300,8 +308,8 @@ void check_guard(const ts_controller &c) {
     require_all("kept_stage", c.kept.filter >= 0 && c.kept.filter <= 1 && (c.kept.filter > 0 || !g.lost) && c.kept.smoothing >= 0 &&
                               c.kept.smoothing < 1 && c.kept.resonance >= 0 && c.kept.resonance <= 1 && c.kept.inertia >= 0,
                 "a filter of at most 1, a smoothing below 1, a resonance of at most 1, an inertia of 0 or more");
-    require_all("recall", c.kept.watch.recall.square >= 0 && (!c.guard.kept || c.kept.watch.recall.high >= c.kept.watch.recall.low), "a range and a sum of squares of 0 or more");
-    require_all("recall_ticks", c.kept.watch.recall.ticks >= 0 && c.kept.watch.recall.ticks < INT32_MAX / 8, "0 or more");
+    require_all("recall", c.kept.watch.recall.missed.square >= 0 && (!c.guard.kept || c.kept.watch.recall.high >= c.kept.watch.recall.low), "a range and a sum of squares of 0 or more");
+    require_all("recall_ticks", c.kept.watch.recall.missed.counted >= 0 && c.kept.watch.recall.missed.counted < INT32_MAX / 8, "0 or more");
     for (int i = 0; i < c.parameters; i++)
         check_variance(c, "kept_covariance", c.kept.P[TS_PACKED(i) + i], i);
 }

@@ -76,10 +76,43 @@ class Action(Enum):
     RETURN = 5  # it is not: the weights that were set aside again; learning was not the cause
 
 
-def deviation(total: float, square: float, counted: int) -> float:
-    """Standard deviation of so many values, of which there are sum and sum of squares."""
-    mean = total / counted
-    return math.sqrt(max(square / counted - mean * mean, 0.0))
+class Spread:
+    """Values as sums of what each is more than the first one: a large mean then takes no digits of their spread.
+
+    Attributes
+    ----------
+    counted : int
+        Values so far; 0: the next one is the first.
+    """
+
+    def __init__(self) -> None:
+        self.first = self.sum = self.square = 0.0
+        self.counted = 0
+
+    def count(self, value: float) -> None:
+        """One value more."""
+        if self.counted == 0:
+            self.first, self.sum, self.square = value, 0.0, 0.0
+        e = value - self.first
+        self.sum += e
+        self.square += e * e
+        self.counted += 1
+
+    @property
+    def mean(self) -> float:
+        """Of at least one value."""
+        return self.first + self.sum / self.counted
+
+    @property
+    def variance(self) -> float:
+        """Rounding may make it less than 0."""
+        mean = self.sum / self.counted
+        return self.square / self.counted - mean * mean
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation."""
+        return math.sqrt(max(self.variance, 0.0))
 
 
 class Guard:
@@ -142,19 +175,17 @@ class Guard:
     def __init__(self, settings: GuardSettings) -> None:
         self.settings = settings
         self.low = self.high = 0.0  # um: of the motion, over about a second
-        self.sum = self.square = self.first = 0.0  # of the error in this window, less its first value
         self.start = 0.0  # um: the first error
         self.swing = self.swung = 0.0  # um: largest error since its sign changed, and how large it was before
-        self.missed = self.misses = self.miss = 0.0  # by the weights to be restored: as sum, square and first
         self.swings = 0  # half-waves of the error in a row, each of them larger than the one before
         self.ringing = 0.0  # um: an error below it is ringing that decays
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
         self.span = 0.0  # um: range of the motion when weights were kept
-        self.missing = 0.0  # by them when asked last, over the range; 0: not since a window that was not bad
-        self.compared = 0  # ticks of this window in which those weights were asked
-        self.ticks = self.counted = self.bad = self.good = self.held = self.pause = self.small = 0
+        self.errors, self.missed = Spread(), Spread()  # um: in this window, and of the weights to be restored
+        self.promised = 0.0  # error over the range that these had when they were asked last; 0: not asked
+        self.ticks = self.bad = self.good = self.held = self.pause = self.small = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
         self.kept = self.at_start = self.started = self.settled = self.lost = False
 
@@ -173,16 +204,11 @@ class Guard:
 
         They are asked after a window that was bad. Those of which nothing is known are restored.
         """
-        if self.compared == 0:
-            self.miss = missed
-        e = missed - self.miss
-        self.missed += e
-        self.misses += e * e
-        self.compared += 1
+        self.missed.count(missed)
 
     def promises(self, error: float) -> bool:
         """Whether the weights that would be restored miss less than half of this error over the range."""
-        return self.missing < PROMISES * error
+        return self.promised < PROMISES * error
 
     def update(self, error: float, z_d: float, *, counts: bool, noise: float) -> Action:
         """One tick.
@@ -203,13 +229,13 @@ class Guard:
             return Action.RESTORE
         if self.ticks < self.settings.window:
             return Action.NOTHING
-        enough, span = 4 * self.counted >= self.settings.window, self.range
-        found = deviation(self.sum, self.square, self.counted) / span if enough else 0.0
-        if 4 * self.compared >= self.settings.window:
-            self.missing = deviation(self.missed, self.misses, self.compared) / span
+        enough, span = 4 * self.errors.counted >= self.settings.window, self.range
+        found = self.errors.deviation / span if enough else 0.0
+        if 4 * self.missed.counted >= self.settings.window:
+            self.promised = self.missed.deviation / span
         elif self.bad == 0:
-            self.missing = 0.0
-        mean = self.first + self.sum / self.counted if enough else 0.0
+            self.promised = 0.0
+        mean = self.errors.mean if enough else 0.0
         if enough:
             self.drift = CENTRING * mean / self.settings.window
         self._begin_window()
@@ -240,8 +266,7 @@ class Guard:
         self.small, self.pause, self.wait, self.ringing = 0, 1, FIRST_WAIT, 0.0
 
     def _begin_window(self) -> None:
-        self.sum = self.square = self.missed = self.misses = 0.0
-        self.ticks = self.counted = self.compared = 0
+        self.ticks = self.errors.counted = self.missed.counted = 0
 
     def _bursts(self, size: float, away: float) -> bool:
         """Whether an error of this size, um, is far beyond the motion so far, before anything was good.
@@ -282,12 +307,7 @@ class Guard:
             return
         if self.settings.burst > 0:
             self._follow_swings(error)
-        if self.counted == 0:
-            self.first = error
-        e = error - self.first
-        self.sum += e
-        self.square += e * e
-        self.counted += 1
+        self.errors.count(error)
 
     def _judge_held(self, error: float) -> Action:
         """Whether the held weights are better is known when the error no longer falls."""
@@ -370,10 +390,14 @@ class Recall:
 
     def __init__(self, settings: GuardSettings) -> None:
         self.settings = settings
-        self.sum = self.square = self.first = 0.0  # of what is missed in this block, less its first value, um, um^2
+        self.missed = Spread()  # um
         self.low = self.high = 0.0  # um: of what is predicted,
         self.rose = self.fell = 0.0  # and how far it went up and down
-        self.offset, self.ticks = 0.0, 0
+        self.offset = 0.0
+
+    def begin(self) -> None:
+        """The comparison begins anew."""
+        self.missed.counted = 0
 
     def update(self, predicted: float, missed: float, *, span: float, noise: float) -> bool:
         """One tick; whether a block has ended in which the kept weights are as good as they were.
@@ -385,27 +409,20 @@ class Recall:
         span, noise : float
             Range of the motion, and standard deviation of a measurement, um.
         """
-        if self.ticks == 0:
-            self.sum = self.square = 0.0
-            self.first, self.low, self.high = missed, predicted, predicted
+        if self.missed.counted == 0:
+            self.low, self.high = predicted, predicted
             self.rose = self.fell = 0.0
-        e = missed - self.first
-        self.sum += e
-        self.square += e * e
+        self.missed.count(missed)
         self.low, self.high = min(self.low, predicted), max(self.high, predicted)
         self.rose, self.fell = max(self.rose, predicted - self.low), max(self.fell, self.high - predicted)
-        self.ticks += 1
-        if self.ticks % self.settings.recall:
+        if self.missed.counted % self.settings.recall:
             return False
-        mean, moved = self.sum / self.ticks, self.high - self.low
-        variance, most = self.square / self.ticks - mean * mean, MISSED * moved + OF_NOISE * noise
-        self.offset = self.first + mean
-        good, enough = (
-            variance < most * most and abs(self.offset) < MOVED_BY * span,
-            min(self.rose, self.fell) > MOVES * span,
-        )
-        if not good or enough or self.ticks >= MOST_BLOCKS * self.settings.recall:
-            self.ticks = 0  # the comparison begins anew
+        self.offset = self.missed.mean
+        most = MISSED * (self.high - self.low) + OF_NOISE * noise
+        good = self.missed.variance < most * most and abs(self.offset) < MOVED_BY * span
+        enough = min(self.rose, self.fell) > MOVES * span
+        if not good or enough or self.missed.counted >= MOST_BLOCKS * self.settings.recall:
+            self.begin()
         return good and enough
 
 

@@ -59,7 +59,7 @@ def measure(c: State, z: float) -> bool:
     watch_resonance(c, z, error, motion.zdot_d, path)
     watch_learning(c, error, motion.z_d, used and (not at_limit or beyond))
     if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:
-        c.kept.recall.ticks = 0  # the regressor is not that of the measurement before
+        c.kept.recall.begin()  # the regressor is not that of the measurement before
     elif law is not None and used:
         watch_kept(c, law, c.u if u is None else u, z if path is None else path.z[1])
     return used

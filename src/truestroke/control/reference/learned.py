@@ -120,7 +120,7 @@ def watch_kept(c: State, law: FilteringLaw, u: FloatArray, z: float) -> None:
         return
     kept.gain.begin()
     if not guard.lost or kept.staged or c.held or c.lagged.ticks < 2:
-        kept.recall.ticks = 0
+        kept.recall.begin()
         return
     newer, older = (c.waiting[c.lagged.ticks - back].motion.zdot_d for back in (1, 2))
     predicted = float(dot(kept.weights, u))
@@ -387,7 +387,7 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
             take_weights(c, law, kept.aside, earlier=False)
     if guard.kept is not known and not guard.lost:
         kept.gain.begin()
-        kept.recall.ticks = 0
+        kept.recall.begin()
     if guard.ticks == 0 and c.is_given:
         doubt_dynamics(c, guard.error)
     if guard.ticks == 0:
