@@ -301,7 +301,7 @@ def test_another_processor_gives_the_bits_of_the_desk(machine: str, name: str, p
         assert not os.environ.get("CI"), f"CI needs the compilers and the emulator: {MACHINES}"
         pytest.skip(f"no compiler or emulator of {machine} here; Debian: {MACHINES}")
     folder = export_c(CONTROLLERS[name](), tmp_path / "c", precision=precision, ticks=200).folder  # type: ignore[arg-type]
-    done = make(folder, "replay", f"CC={tools}gcc", f"AR={tools}ar", "CFLAGS=-O1 -static")
+    done = make(folder, "replay", f"CC={tools}gcc", f"AR={tools}ar", "CFLAGS=-O2 -static")
     assert done.returncode == 0, done.stderr
     printed = subprocess.run(
         [f"qemu-{machine}", "replay"], cwd=folder, capture_output=True, text=True, check=False
