@@ -30,6 +30,7 @@ def _quick_and_in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(doctor, "examine", functools.partial(examine, probe=0.05))
     monkeypatch.setattr(disk, "WRITE", 2**20)
+    monkeypatch.setattr(disk, "SHARED", 2**20)
 
 
 def by_name(findings: list[Finding]) -> dict[str, Finding]:

@@ -109,6 +109,7 @@ def keep(made: list[Path], place: Path) -> None:
 
 
 BUILT = ("default-double", "default-single", "paper-single", "stage-single", "nm and kV-double")
+OPTIMISED_ON_A_CORE = ("default-double", "stage-single")
 
 
 @pytest.fixture(scope="module", params=BUILT)
@@ -271,10 +272,12 @@ def test_single_precision_has_no_double_arithmetic(single: Path) -> None:
 
 
 @pytest.mark.usefixtures("cortex_m")
-def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path) -> None:
+def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """One of each core is optimised so far that products and sums would be contracted, if that were not forbidden."""
     core = "m4" if exported.name == "single" else "m7"
+    level = "-O2" if request.node.callspec.params["exported"] in OPTIMISED_ON_A_CORE else "-O0"
     folder = ROOT / "examples/cortex-m"
-    texts, options = [*exported.rglob("*.[ch]"), *folder.iterdir()], ["CC=arm-none-eabi-gcc", "OPTIMISED=-O1"]
+    texts, options = [*exported.rglob("*.[ch]"), *folder.iterdir()], ["CC=arm-none-eabi-gcc", f"OPTIMISED={level}"]
     arguments = ["-f", str(folder / "Makefile"), f"EXPORT={exported}", "OUT=.", *options, f"{core}.elf", f"{core}.run"]
     done = made_once(tmp_path, arguments, options, sorted(texts), [tmp_path / f"{core}.elf"])
     assert "passed: 400 of 400 commands have the same bits" in done.stdout, done.stdout + done.stderr
@@ -298,7 +301,7 @@ def test_another_processor_gives_the_bits_of_the_desk(machine: str, name: str, p
         assert not os.environ.get("CI"), f"CI needs the compilers and the emulator: {MACHINES}"
         pytest.skip(f"no compiler or emulator of {machine} here; Debian: {MACHINES}")
     folder = export_c(CONTROLLERS[name](), tmp_path / "c", precision=precision, ticks=200).folder  # type: ignore[arg-type]
-    done = make(folder, "replay", f"CC={tools}gcc", f"AR={tools}ar", "CFLAGS=-O1 -static")
+    done = make(folder, "replay", f"CC={tools}gcc", f"AR={tools}ar", "CFLAGS=-O2 -static")
     assert done.returncode == 0, done.stderr
     printed = subprocess.run(
         [f"qemu-{machine}", "replay"], cwd=folder, capture_output=True, text=True, check=False

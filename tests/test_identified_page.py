@@ -182,6 +182,7 @@ def command(*arguments):
     return CliRunner().invoke(main, ["identify", *arguments])
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_writes_model_page_and_pictures(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.savetxt(tmp_path / "sweep.csv", np.column_stack([T, X, Z])[:600], delimiter=",", header="time (s),V (V),z (um)")

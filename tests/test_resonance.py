@@ -224,9 +224,9 @@ def test_the_search_stays_where_it_is_at_rest() -> None:
     assert [centre for _, centre in windows(0.5, 700, speed=0.0)] == [0.09, 0.054]
 
 
-def sudden(f0: float, slow: float, rest: float) -> Trajectory:
-    """A slow sine of this peak to peak, um, and after so many seconds, within 0.1 s, one of 20 um and 0.3 f0."""
-    time, of_both = np.arange(round((rest + 0.8) * RATE)) / RATE, {"duration": rest + 0.8, "sample_rate": RATE}
+def sudden(f0: float, slow: float, rest: float, fast: float = 0.8) -> Trajectory:
+    """A slow sine of this peak to peak, um, for `rest` s, then within 0.1 s one of 20 um and 0.3 f0, for `fast` s."""
+    time, of_both = np.arange(round((rest + fast) * RATE)) / RATE, {"duration": rest + fast, "sample_rate": RATE}
     of_slow = slow / 20.0 * sine(frequency=3.0, peak_to_peak=20.0, **of_both).position
     of_fast = sine(frequency=f0 / 3.3, peak_to_peak=20.0, **of_both).position
     begun, moves = np.clip((time - rest) / 0.1, 0, 1) ** 2, np.clip(time / 0.1, 0, 1) ** 2
@@ -246,8 +246,8 @@ def test_a_burst_of_a_sudden_fast_motion_is_over_at_once(f0: float, before: floa
 
 @pytest.mark.parametrize(("f0", "slow", "rest"), [(800.0, 0.0, 0.5), (288.0, 20.0, 1.6)], ids=["rest", "slow"])
 def test_the_kernel_is_the_numpy_text_in_a_burst(f0: float, slow: float, rest: float) -> None:
-    """The search stays where it is at rest, and begins above where it is low."""
-    wave = sudden(f0, slow, rest)
+    """The search stays where it is at rest, and begins above where it is low; it ends 0.2 s after the rest."""
+    wave = sudden(f0, slow, rest, 0.35)
     wave = dataclasses.replace(wave, acceleration=np.gradient(wave.velocity) * RATE)
     kernel, _ = followed_alike(stage(f0, dampings=(0.018,), hysteresis_kind="preisach"), wave)
     assert kernel.resonance == pytest.approx(f0, rel=0.1)
@@ -440,8 +440,8 @@ def test_the_kernel_is_the_numpy_text_where_a_slow_motion_rings() -> None:
 
 
 def test_a_ringing_of_less_than_a_thousandth_is_enough() -> None:
-    """In kernel and NumPy text alike: without it 15 nm of these lines stay."""
-    wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=1.2, sample_rate=10_000.0)
+    """In kernel and NumPy text alike, after 0.25 s: without it 15 nm of these lines stay."""
+    wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=0.6, sample_rate=10_000.0)
     kernel, _ = followed_alike(stage(935.0, dampings=(0.024,), noise=0.01, sample_rate=10_000.0), wave)
     assert kernel.resonance == pytest.approx(935.0, rel=0.04)
 

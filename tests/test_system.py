@@ -207,8 +207,9 @@ def test_the_loop_has_short_slices_and_its_priority_of_before() -> None:
     assert str((scheduled("se.slice"), scheduled("prio"))) == str(before)
 
 
-def test_what_a_caller_has_frozen_is_frozen_after_a_run() -> None:
+def test_what_a_caller_has_frozen_is_frozen_after_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """And what a run freezes by itself is not."""
+    monkeypatch.setattr(process, "gc", gc)  # not as tests/conftest.py has it
     gc.freeze()
     frozen = gc.get_freeze_count()
     with process.undisturbed(RealtimeSettings()):

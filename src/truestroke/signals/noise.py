@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -53,7 +54,12 @@ def rounding(signal: FloatArray) -> float:
     The last digit is the same in all rows, or is so many digits behind the first one of each row.
     """
     few = signal[:: max(1, signal.size // DIGITS_OF)]
-    few = few[few != 0.0]
+    return _rounded(np.asarray(few[few != 0.0], np.float64).tobytes())
+
+
+@lru_cache(maxsize=8)  # several of an examination ask for the same two signals
+def _rounded(values: bytes) -> float:
+    few = np.frombuffer(values)
     last, digits = math.inf, 0
     for value in np.abs(few).tolist():
         mantissa, _, exponent = f"{value:.14e}".partition("e")

@@ -255,16 +255,25 @@ def _transform(move: Move, pole: complex) -> complex:
     return complex(sum(a * of_one * cmath.exp(pole * (end - delay)) for a, delay in move.impulses))
 
 
+@cache
+def _parts(number: int, ends: int) -> tuple[list[Legendre], FloatArray]:
+    """So many polynomials (u (1 - u))^ends times one of Legendre, and their values at the nodes of the quadrature.
+
+    They were four fifths of the time of a move, each of whose durations that are tried asks for them.
+    """
+    u = Legendre.identity(domain=[0, 1])
+    parts = [(u * (1 - u)) ** ends * Legendre.basis(i, domain=[0, 1]) for i in range(number)]
+    nodes, _ = _quadrature()
+    return parts, np.array([part(nodes) for part in parts])
+
+
 def _solved(duration: float, zeros: Sequence[tuple[complex, int]], *, ends: int, centred: bool) -> Legendre:
     """s(u) from 0 to 1 of least degree: s' = (u (1 - u))^ends times a polynomial, with these zeros of its transform.
 
     `centred`: the integral of s from 0 to 1 is 1/2.
     """
-    number = 1 + centred + 2 * sum(order for _, order in zeros)
-    u = Legendre.identity(domain=[0, 1])
-    parts = [(u * (1 - u)) ** ends * Legendre.basis(i, domain=[0, 1]) for i in range(number)]
+    parts, rates = _parts(1 + centred + 2 * sum(order for _, order in zeros), ends)
     nodes, weights = _quadrature()
-    rates = np.array([part(nodes) for part in parts])
     rows, wanted = [rates @ weights], [1.0]
     if centred:
         rows.append(rates @ (weights * (1 - nodes)))  # the integral of s, by parts
