@@ -116,9 +116,7 @@ def range_of(description: Mapping[str, object], channel: int) -> tuple[float, fl
     return low, high
 
 
-def check_range(
-    argument: str, voltages: Sequence[float], description: Mapping[str, object], channel: int = 0
-) -> None:
+def check_range(argument: str, voltages: Sequence[float], description: Mapping[str, object], channel: int = 0) -> None:
     """Refuse voltages (V) beyond the `output_range` of a driver, if it has one: one for all channels, or for each.
 
     Raises
