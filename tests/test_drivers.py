@@ -426,6 +426,24 @@ def test_a_playback_is_paced_and_answers_its_own_voltages() -> None:
         playback(SimulatedDriver(), volts, 2000.0, voltage_limits=(-20.0, 20.0), slew=SLEW)
 
 
+def test_each_channel_has_the_range_of_its_own_amplifier() -> None:
+    """A lens drive of 12 V beside a scanner of 3.6 V."""
+    stages = [{"stroke": 30.0}, {"stroke": 100.0, "voltage_limits": [-2.0, 12.0]}]
+    asked = {"sample_rate": 10_000.0, "channels": 2, "axes": {"stages": stages}}
+    driver = SimulatedDriver(toml.decode(SimulatedSettings, asked))
+    assert driver.describe()["output_range"] == [(-0.6, 3.6), (-2.0, 12.0)]
+    for name, reach, words in (("z", (-2.0, 12.0), ""), ("z", (-2.0, 13.0), "13.0"), ("x", (-2.0, 3.6), "-2.0")):
+        usual = {"x": (-0.6, 3.6), "z": (0.0, 10.0), name: reach}
+        single = SingleChannel(driver, "z", {"x": 0.0, "z": 0.0}, voltage_limits=usual)
+        if words:
+            with pytest.raises(SettingError, match=rf"voltage_limits of axis {name} = {words} V: must be"):
+                single.open()
+            continue
+        single.open()
+        assert single.describe()["output_range"] == (-2.0, 12.0)
+        single.close()
+
+
 def test_a_channel_of_the_simulated_driver_may_be_a_stage() -> None:
     """From a configuration: the stage itself, tick by tick, and its range."""
     stage = {"resonances": [500.0, 1500.0], "dampings": [0.02, 0.02], "shares": [0.9, 0.1], "voltage_limits": [-1, 5]}

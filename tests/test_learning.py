@@ -317,6 +317,18 @@ def test_where_the_error_is_that_is_not_learned(cycles, words):
     assert (cycles == 150) == ("such as 59.88 Hz" not in reason)
 
 
+@pytest.mark.parametrize(("share", "level"), [(0.2, "doubtful"), (0.02, "good")])
+def test_a_motion_that_is_hidden_by_the_noise_is_not_good(share, level):
+    """An error within the noise shows nothing where the motion is hardly larger."""
+    learning = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    span = np.ptp(learning.desired)
+    noise = np.random.default_rng(1).normal(0.0, share * np.sqrt(6) * span, (6, learning.samples))
+    made = learning.learn(learning.desired + noise)
+    verdict = Learned(passes=(made,), learning=learning).verdict
+    assert verdict.level == level
+    assert ("no pass shows whether it was learned" in " ".join(verdict.reasons)) == (level == "doubtful")
+
+
 def test_a_pass_that_is_worse_is_undone_and_its_voltage_left():
     wave = raster(50.0)
     learned = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)

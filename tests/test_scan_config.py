@@ -241,6 +241,15 @@ def test_a_configuration_that_does_not_fit_is_named(tmp_path, change, words) -> 
     assert not list(tmp_path.glob("*.h5"))
 
 
+@pytest.mark.parametrize(("asked", "said"), [("\ncolumns = 333", True), ("\ncolumns = 20", False), ("", False)])
+def test_columns_that_the_ticks_do_not_fill_are_named(tmp_path, asked, said) -> None:
+    (tmp_path / "scan.toml").write_text((SIMULATED + AXES).replace("lines = 8", f"lines = 8{asked}"))
+    found = config.load(tmp_path / "scan.toml").imaging
+    words = f"The image has {found.columns} columns, not 333: that is what the ticks of a line fill."
+    assert found.notice.startswith(words) if said else not found.notice
+    assert found.columns == 20 or 30 <= found.columns <= 40
+
+
 def test_two_signals_of_one_name_are_refused() -> None:
     twice = tuple(AnalogSignal(name="height", input=f"Dev1/ai{i}") for i in (2, 3))
     with pytest.raises(SettingError, match="signals: name = height, height: must be different"):

@@ -443,6 +443,22 @@ def test_a_tiff_of_others_is_read_by_its_resolution(tmp_path):
     assert one.data[0].tolist() == [0, 0, 0, 1]
 
 
+@pytest.mark.parametrize(("colours", "dtype"), [(3, np.uint8), (4, np.uint16)])
+def test_a_grey_picture_in_colours_is_what_was_measured(colours, dtype, tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    grey = np.arange(30, dtype=dtype).reshape(5, 6)
+    data = np.stack([grey] * colours, axis=-1)
+    extra = {"extrasamples": ("unassalpha",)} if colours == 4 else {}
+    if extra:
+        data[..., 3] = 255  # opacity
+    tifffile.imwrite(tmp_path / "c.tif", data, photometric="rgb", **extra)
+    assert scans.read_images(tmp_path / "c.tif")[0].data[::-1].tolist() == grey.tolist()
+    data[0, 0, 1] = 7
+    tifffile.imwrite(tmp_path / "c.tif", data, photometric="rgb", **extra)
+    with pytest.raises(scans.ImageError, match=f"a picture in colour, {colours} numbers a pixel: export the signal"):
+        scans.read_images(tmp_path / "c.tif")
+
+
 def test_files_that_are_none_are_named(pair, tmp_path):
     with pytest.raises(SettingError, match=r"a\.bmp: must be a file that ends with \.gsf"):
         scans.save_images(tmp_path / "a.bmp", pair)

@@ -21,6 +21,7 @@ from truestroke import AdaptiveController, Recording, SettingError, Timing
 from truestroke.cli import main
 from truestroke.identification import ActuatorModel, save_model
 from truestroke.plant import Change, PlantSettings, RealisticPlant
+from truestroke.report.recording import run_page
 from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import padded
@@ -463,3 +464,7 @@ def test_on_a_card(name: str, card: Card) -> None:
         assert not Path("first.h5").exists()  # nothing is in the way of the next run
     if code == 0:
         assert rmse("first.h5") < 0.03
+        zero = Recording.load("first.h5").metadata["axis_check"]["x"]["zero"]
+        assert f"zero       {zero:.4g} um of the sensor are subtracted (zero = 0.0 keeps its own)" in done.stdout
+        page = run_page(Recording.load("first.h5"))
+        assert f"A zero of the sensor of {zero:.4g} um is subtracted" in page.lead

@@ -137,6 +137,31 @@ def test_one_image_has_no_shift(scan, volts, shown, model):
     found = truestroke.unwarp(shown["trace"], ScanRecord.of(scan, *volts), model)
     assert (found.before, found.after) == (None, None)
     assert list(found.images) == ["trace"]
+    assert found.verdict.level == "doubtful"
+    assert "no retrace, so nothing shows whether the correction is right" in found.verdict.reasons[0]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda one: one.data[:, ::-1],  # both mirrored
+        lambda one: one.data[:, : one.data.shape[0]].T,  # both turned
+    ],
+)
+def test_images_that_are_not_as_they_were_shown_are_named(other, scan, volts, shown, model):
+    spoilt = {name: dataclasses.replace(one, data=other(one)) for name, one in shown.items()}
+    found = truestroke.unwarp(spoilt, ScanRecord.of(scan, *volts), model)
+    assert found.verdict.level == "bad"
+    assert "further than before: an image is mirrored or turned" in found.verdict.reasons[0]
+
+
+def test_exchanged_and_turned_images_are_named(scan, volts, shown, model):
+    record = ScanRecord.of(scan, *volts)
+    found = truestroke.unwarp({"trace": shown["retrace"], "retrace": shown["trace"]}, record, model)
+    assert "the two are exchanged" in found.verdict.reasons[0]
+    turned = dataclasses.replace(shown["trace"], data=shown["trace"].data.T)
+    with pytest.raises(ImageError, match="the trace has 128 rows, the recording 64 lines of it: it is turned by 90"):
+        truestroke.unwarp(turned, record, model)
 
 
 # ---- What does not fit ---------------------------------------------------------------------------------------------

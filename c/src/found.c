@@ -31,7 +31,7 @@
 #define DAMPS ((ts_real)0.2)      /* of the ringing: what the active damping takes from the command, a quarter of a period later, */
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
 #define STIFFEST ((ts_real)0.06)  /* cycles per tick: less of it above, where what is not known of the lag turns it further, */
-#define HIGHEST_DAMPED ((ts_real)0.22) /* and nothing from here on */
+#define HIGHEST_DAMPED ((ts_real)0.25) /* and nothing from here on */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */

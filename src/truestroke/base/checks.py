@@ -294,6 +294,6 @@ def _array(
         rows = ", rows of one length" if max(allowed) > 1 else ""
         raise SettingError(argument, described(value), f"an array of numbers{rows}", unit) from None
     if result.ndim not in allowed:
-        axes = " or ".join(map(str, allowed)) + (" axis" if len(allowed) == 1 else " axes")
+        axes = " or ".join(map(str, allowed)) + (" axis" if allowed == (1,) else " axes")
         raise SettingError(argument, f"array of shape {result.shape}", f"an array with {axes}", unit)
     return result

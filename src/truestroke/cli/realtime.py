@@ -155,6 +155,8 @@ def as_dict(done: Closed, code: int) -> dict[str, Any]:
 
 def print_run(done: Closed) -> None:
     """Errors and verdict of each axis, punctuality, files."""
+    from truestroke.report import words
+
     outcome, recordings, verdicts = done.outcome, done.recordings, done.verdicts
     for name, recording in recordings.items():
         if len(recordings) > 1:
@@ -163,6 +165,8 @@ def print_run(done: Closed) -> None:
             results.print_metrics(summary, verdicts[name])
         else:  # where it ended before the first tick, stderr has the reason
             common.print_verdict(verdicts[name], reasons=outcome.ticks > 0)
+        if subtracted := words.zero_of(recording):
+            click.echo(f"{'zero':10} {subtracted:.4g} um of the sensor are subtracted (zero = 0.0 keeps its own)")
     late = ", ".join(f"{name} {us:.1f} us" for name, us in _lateness(next(iter(recordings.values()))).items())
     click.echo(f"{'ticks':10} {outcome.ticks} of {outcome.all_ticks}; {outcome.lost} samples lost")
     click.echo(f"{'late':10} {late or 'nothing'}; worst {outcome.worst_us:.1f} us; {outcome.overruns} overruns")

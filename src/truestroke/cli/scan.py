@@ -146,6 +146,7 @@ def _on_hardware(
     from truestroke.signals.scans import rates
 
     job, imaging = _to_scan(config)
+    _say(imaging.notice, as_json)
     if imaging.scan.name == "raster":
         _say(rates.ringing(float(imaging.scan.settings["rate"]), _modes(job, imaging)), as_json)  # type: ignore[arg-type]
     ending = ".h5" if output else job.file.suffix or ".h5"

@@ -279,8 +279,8 @@ class Unwarped(Displayed):
     timing : float
         By how much a pixel may be wrong along x because the trigger is known to half a sample only, pixels.
     verdict : Verdict
-        Doubtful where trace and retrace are more than 0.3 pixels apart, or the trigger does not say where they are;
-        bad beyond 3.
+        Doubtful where trace and retrace are more than 0.3 pixels apart, there is no retrace, or the trigger does not
+        say where they are; bad beyond 3.
     """
 
     images: Mapping[str, Image]
@@ -360,7 +360,7 @@ def unwarp(
     moved = max(float(np.abs(one - even).max()) for one in across.values()) / pixel
     line = record.lines[0]
     timing = record.jitter * columns / float(line["end"] - line["start"])
-    verdict = _verdict(after, timing, made, _beyond(record, x))
+    verdict = _verdict(before, after, timing, made, _beyond(record, x))
     return Unwarped(images=made, before=before, after=after, moved=moved, timing=timing, verdict=verdict)
 
 
@@ -368,7 +368,8 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
     """The record has a line for each row, and goes on to the end of the last one."""
     lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
     if lines.size != (rows := image.data.shape[0]):
-        why = _other_count(lines, rows)
+        turned = lines.size == image.data.shape[1]
+        why = "it is turned by 90 degrees" if turned else _other_count(lines, rows)
         raise ImageError(f"the {name} has {rows} rows, the recording {lines.size} lines of it: {why}")
     end, last = record.x.size / record.sample_rate, float(lines["end"].max())
     if last > end + 1 / record.sample_rate:
@@ -526,15 +527,19 @@ def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
     return shift(*(_filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
 
 
-def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[str, Image], beyond: str) -> Verdict:
+def _verdict(
+    before: tuple[float, float] | None,
+    after: tuple[float, float] | None,
+    timing: float,
+    images: Mapping[str, Image],
+    beyond: str,
+) -> Verdict:
     findings: list[tuple[Level, str]] = [("doubtful", beyond)] if beyond else []
-    if after is not None and (apart := float(np.hypot(*after))) > APART:
+    if before is None or after is None:
+        findings.append(("doubtful", "There is no retrace, so nothing shows whether the correction is right: give it."))
+    elif (apart := float(np.hypot(*after))) > APART:
         level: Level = "bad" if apart > FAR else "doubtful"
-        why = "the model is not that of this motion. Identify it from a record of the scan's own lines"
-        if apart < 2 * timing:  # half a sample of both
-            why = "the trigger leaves as much open. Give a table of lines"
-        text = f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."
-        findings.append((level, text))
+        findings.append((level, _still(apart, abs(after[0]) > abs(before[0]), timing)))
     if timing > APART:
         text = (
             f"The trigger places a line to half a sample, {timing:.2g} pixels: record faster, or give a table of lines."
@@ -544,6 +549,19 @@ def _verdict(after: tuple[float, float] | None, timing: float, images: Mapping[s
     if lost > 0.01:
         findings.append(("doubtful", f"{100 * lost:.0f} % of the pixels were not reached by the scan."))
     return Verdict.of(findings)
+
+
+def _still(apart: float, farther: bool, timing: float) -> str:
+    """Why trace and retrace are still so many pixels apart, in a sentence; `farther`: across, than before."""
+    if farther and apart > FAR:
+        return (
+            f"Trace and retrace are {apart:.2g} pixels apart, further than before: an image is mirrored or turned, "
+            "the two are exchanged, or the model is that of another axis."
+        )
+    why = "the model is not that of this motion. Identify it from a record of the scan's own lines"
+    if apart < 2 * timing:  # half a sample of both
+        why = "the trigger leaves as much open. Give a table of lines"
+    return f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."
 
 
 def by_direction(images: Sequence[Image]) -> dict[str, Image]:

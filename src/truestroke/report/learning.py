@@ -62,8 +62,7 @@ def as_dict(found: Learned) -> dict[str, object]:
 
 def notes(found: Learned) -> list[str]:
     """Sentences on what was taken for granted: a stage that is a spring, a sensor that was not zeroed."""
-    zero = f"a zero of the sensor of {found.zero:.4g} um is subtracted (`zero`)."
-    return [note for note, holds in ((found.spring, True), (zero, found.zero != 0.0)) if note and holds]
+    return [note for note in (found.spring, words.zero(found.zero)) if note]
 
 
 def page(found: Learned, command: str | None = None) -> Page:

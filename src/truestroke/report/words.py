@@ -116,7 +116,19 @@ def run(recording: Recording, summary: TrackingSummary, verdict: Verdict) -> str
     notices = recording.metadata.get("notices")
     stated = [str(notice) for notice in notices] if isinstance(notices, list) else []
     before = f" Stated before the run: {'; '.join(stated)}." if stated else ""
-    return what[0].upper() + what[1:] + sudden + cut + before
+    subtracted = f" {words[0].upper()}{words[1:]}" if (words := zero(zero_of(recording))) else ""
+    return what[0].upper() + what[1:] + sudden + cut + before + subtracted
+
+
+def zero_of(recording: Recording) -> float:
+    """What was subtracted of each measurement, um, because the sensor was not zeroed or the settings say so."""
+    found = _section(recording, "axis_check").get(_section(recording, "axis").get("name", ""))
+    return float(found.get("zero", 0.0)) if isinstance(found, dict) else 0.0
+
+
+def zero(subtracted: float) -> str:
+    """The same as a sentence that begins small; empty of 0 um."""
+    return f"a zero of the sensor of {subtracted:.4g} um is subtracted (`zero`)." if subtracted else ""
 
 
 def _rate(recording: Recording) -> str:

@@ -41,7 +41,7 @@ LATE = 2 * MOST_DEAD  # ticks before a measurement: its stage knows no earlier s
 DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a quarter of a period later,
 BROAD = 1.0  # behind a filter of twice this damping,
 STIFFEST = 0.06  # cycles per tick: less of it above, where what is not known of the lag turns it further,
-HIGHEST_DAMPED = 0.22  # and nothing from here on
+HIGHEST_DAMPED = 0.25  # and nothing from here on
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 

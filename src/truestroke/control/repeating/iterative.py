@@ -47,6 +47,7 @@ LIMITED = 0.01  # of the samples at a limit: beyond, the verdict says so
 ABOVE = 0.2  # of the square of the noise: what else may be in an error that is called noise
 NEAR = 2.0  # times the noise: a result that is good
 FINE = 1e-3  # of the peak-to-peak, rms: so is this
+SHOWN = 0.05  # of the peak-to-peak: noise of a pass beyond which it does not show whether the motion was learned
 SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help
 GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
 
@@ -458,7 +459,10 @@ class Learned(Displayed):
 
     @property
     def verdict(self) -> Verdict:
-        """Good where the error is within twice the noise, or 0.1 % of the motion; bad where none improved."""
+        """Good where the error is within twice the noise, or 0.1 % of the motion; bad where none improved.
+
+        Doubtful where the noise is above 5 % of the motion.
+        """
         made = [one for one in self.passes if one.measured.size]
         best, findings = self.best, []
         if len(made) > 1 and best is made[0] and not at_the_noise(best):
@@ -471,6 +475,10 @@ class Learned(Displayed):
                 lower = best.expected < SLOW * best.rmse
                 text += ": more passes will lower it" if lower else ": more passes will hardly lower it"
             findings.append(("doubtful", f"{text}.{self._beyond()}"))
+        elif best.noise > SHOWN * (span := float(np.ptp(self.learning.desired))):
+            text = f"The noise of a pass is {100 * best.noise / span:.2g} % of the motion, {quantity(span, 'um')}, so"
+            text += " that no pass shows whether it was learned: measure more periods (`averaged`), or move further."
+            findings.append(("doubtful", text))
         findings += [("doubtful", reason) for reason in best.verdict.reasons]
         if missed := sum(one.measured.size == 0 for one in self.passes):
             findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))

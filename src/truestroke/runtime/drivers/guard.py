@@ -107,16 +107,25 @@ class Guard:
         return np.array([a + move * part for a, move in zip(self.last, moves, strict=True)]).reshape(len(moves), -1)
 
 
-def check_range(argument: str, voltages: Sequence[float], description: Mapping[str, object]) -> None:
-    """Refuse voltages (V) beyond the `output_range` of a driver, if it has one.
+def range_of(description: Mapping[str, object], channel: int) -> tuple[float, float] | None:
+    """The `output_range` of a channel, V, in the description of a driver: one for all, or one for each."""
+    reach = description.get("output_range")
+    if not isinstance(reach, tuple | list):
+        return None
+    low, high = reach[channel] if isinstance(reach[0], tuple | list) else reach
+    return low, high
+
+
+def check_range(argument: str, voltages: Sequence[float], description: Mapping[str, object], channel: int = 0) -> None:
+    """Refuse voltages (V) beyond the `output_range` of a driver, if it has one: one for all channels, or for each.
 
     Raises
     ------
     SettingError
         One of them is outside.
     """
-    reach = description.get("output_range")
-    if not isinstance(reach, tuple | list):
+    reach = range_of(description, channel)
+    if reach is None:
         return
     for value in voltages:
         if not reach[0] <= value <= reach[1]:

@@ -190,7 +190,8 @@ def _at_once(driver: Any, volts: FloatArray, sample_rate: float, limits: Limits)
             driver.close()
             remedy = f"; {ONE_OF}" if len(volts) == 1 else ""
             raise SettingError("channels of the driver", channels, f"as many as waveforms, {len(volts)}{remedy}")
-        check_range("voltage_limits", limits.voltage_limits, driver.describe())
+        for channel in range(channels):
+            check_range("voltage_limits", limits.voltage_limits, driver.describe(), channel)
         made: Recorded = driver.playback(volts, sample_rate)
         return made
 

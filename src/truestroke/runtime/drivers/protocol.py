@@ -99,4 +99,7 @@ class Driver(Protocol):
         """
 
     def describe(self) -> dict[str, object]:
-        """Return the settings, for the recording; an entry `output_range` (V) bounds the voltage limits of a run."""
+        """Return the settings, for the recording.
+
+        An entry `output_range` (V), for all channels, or a list with that of each, bounds the voltage limits of a run.
+        """

@@ -347,11 +347,11 @@ class SimulatedDriver:
         return {"kind": "simulated", **dataclasses.asdict(self.settings), **self._range()}
 
     def _range(self) -> dict[str, object]:
-        """That of the D/A converters, where they are simulated and have one."""
+        """That of the D/A converters, or of each of them, where they are simulated and have one."""
         settings = getattr(self._plants[0], "settings", None)
         if self._together is not None:
-            low, high = zip(*(one.voltage_limits for one in self._together.settings.axes), strict=True)
-            return {"output_range": (max(low), min(high))}
+            ranges = [one.voltage_limits for one in self._together.settings.axes]
+            return {"output_range": ranges if len(set(ranges)) > 1 else ranges[0]}
         limits = getattr(settings, "voltage_limits" if self.settings.stage else "da_limits", None)
         return {} if limits is None else {"output_range": limits}
 

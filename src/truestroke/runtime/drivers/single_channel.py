@@ -13,7 +13,7 @@ import numpy.typing as npt
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.runtime.drivers.guard import check_range
+from truestroke.runtime.drivers.guard import check_range, range_of
 from truestroke.runtime.drivers.playback import Recorded
 from truestroke.runtime.drivers.protocol import Driver, check_axes
 from truestroke.signals.timing import Timing
@@ -107,9 +107,9 @@ class SingleChannel:
     def _check(self, timing: Timing) -> None:
         check_axes(len(self._names), timing.channels)
         description = self.driver.describe()
-        for name, volts in zip(self._names, self._safe.tolist(), strict=True):
-            check_range(_called(name), [volts], description)
-            check_range(f"voltage_limits of axis {name}", self._limits.get(name, ()), description)
+        for channel, (name, volts) in enumerate(zip(self._names, self._safe.tolist(), strict=True)):
+            check_range(_called(name), [volts], description, channel)
+            check_range(f"voltage_limits of axis {name}", self._limits.get(name, ()), description, channel)
 
     def start(self, volts: FloatArray) -> None:
         """As the driver; the other outputs are set to their safe voltages."""
@@ -136,8 +136,10 @@ class SingleChannel:
         return functools.partial(_rescued, self.driver.rescue(), self._safe, self.channel)
 
     def describe(self) -> dict[str, object]:
-        """As the driver, and the channel."""
-        return {**self.driver.describe(), "channel": self.channel}
+        """As the driver, and the channel, with its own range."""
+        described = self.driver.describe()
+        reach = range_of(described, self.channel)
+        return {**described, "channel": self.channel} | ({} if reach is None else {"output_range": reach})
 
     def __getattr__(self, name: str) -> Any:
         """What else the driver has: `truth` and `output` of this channel, `playback` with the others at rest."""

@@ -55,6 +55,8 @@ class Imaging:
         Of the image.
     columns : int
         Pixels of a row.
+    notice : str
+        A sentence where they are fewer than the configuration asks for; empty where they are not.
     frame : tuple of tuple of float, or None
         What the sensors read of the axes, where they are turned.
     """
@@ -63,6 +65,7 @@ class Imaging:
     axes: tuple[str, str]
     signal: Signal
     columns: int
+    notice: str = ""
     frame: frames.Matrix | None = None
 
 
@@ -90,7 +93,18 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     if (columns := scans.pixels_of(made, asked)) < LEAST:
         bound = f"{LEAST} or more, and no more than the ticks can fill, which is {columns}: scan slower, in more lines,"
         raise SettingError("columns", asked, f"{bound} or at a higher sample rate than {rate:g} Hz")
-    return Imaging(scan=made, axes=(moving[0], moving[1]), signal=_signal(table.signal, driver), columns=columns)
+    fewer = columns < asked and "columns" in given
+    notice = (
+        f"The image has {columns} columns, not {asked}: that is what the ticks of a line fill. "
+        f"Scan slower, or at a higher sample rate than {rate:g} Hz."
+    )
+    return Imaging(
+        scan=made,
+        axes=(moving[0], moving[1]),
+        signal=_signal(table.signal, driver),
+        columns=columns,
+        notice=notice if fewer else "",
+    )
 
 
 def _until_measured(driver: Driver) -> int:

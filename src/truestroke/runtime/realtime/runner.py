@@ -144,8 +144,8 @@ def _check_agreement(axes: Sequence[Axis], timing: Timing, settings: RealtimeSet
 
 def _check_range(axes: Sequence[Axis], driver: Driver) -> None:
     """Refuse voltage limits beyond the range of the hardware: else even the safe voltage could fail."""
-    for axis in axes:
-        check_range(f"voltage_limits of axis {axis.name}", axis.voltage_limits, driver.describe())
+    for channel, axis in enumerate(axes):
+        check_range(f"voltage_limits of axis {axis.name}", axis.voltage_limits, driver.describe(), channel)
 
 
 def _check_motions(axes: Sequence[Axis]) -> list[str]:

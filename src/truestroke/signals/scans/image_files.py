@@ -21,6 +21,7 @@ from truestroke.signals.scans.images import Image, ImageError
 from truestroke.signals.scans.scan import Scan
 
 LENGTHS = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "m": 1.0}  # of a signal that is a height, in m
+COLOURS = {2, 3, 4}  # numbers a pixel: grey, or red, green and blue, the even ones with opacity
 MAKER = "truestroke"
 ENDINGS = {".gsf": "gsffile", ".gwy": "gwyfile", ".tif": "tifffile", ".tiff": "tifffile", ".nxs": "h5py"}
 """Endings of the files, and the package that writes and reads each."""
@@ -229,7 +230,7 @@ def _read_tiff(path: Path) -> list[Image]:
     made = []
     with tifffile.TiffFile(path) as file:
         for page in file.pages:
-            data = np.asarray(page.asarray(), dtype=np.float64)
+            data = _grey(np.asarray(page.asarray(), dtype=np.float64))
             tags = {tag.name: tag.value for tag in page.tags}
             about = _about(str(tags.get("ImageDescription", "")))
             made.append(
@@ -242,6 +243,16 @@ def _read_tiff(path: Path) -> list[Image]:
                 )
             )
     return made
+
+
+def _grey(data: FloatArray) -> FloatArray:
+    """A picture whose colours are alike is what was measured; of any other nobody knows what its colours mean."""
+    if data.ndim < 3 or data.shape[-1] not in COLOURS:  # rows, columns, colours
+        return data
+    grey = data[..., : data.shape[-1] - 1 + data.shape[-1] % 2]  # without opacity
+    if (grey != grey[..., :1]).any():
+        raise ValueError(f"a picture in colour, {data.shape[-1]} numbers a pixel: export the signal itself, in grey")
+    return np.asarray(grey[..., 0])
 
 
 def _about(text: str) -> dict[str, Any]:
