@@ -1,5 +1,6 @@
 """Waveforms from a model: they undo its prediction, keep the limits, and tell where they fall short."""
 
+import dataclasses
 import json
 import warnings
 from pathlib import Path
@@ -11,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from truestroke import LimitWarning, SettingError, trajectories
+from truestroke.base.verdict import Verdict
 from truestroke.cli import main
 from truestroke.identification import (
     ActuatorModel,
@@ -22,6 +24,7 @@ from truestroke.identification import (
     save_waveform,
     waveform,
 )
+from truestroke.identification.waveform import verdict_of
 from truestroke.plant import RealisticPlant
 from truestroke.signals.recording import Recording
 
@@ -212,6 +215,53 @@ def test_bad_arguments_are_named():
         waveform(straight(), [1.0, np.nan], FS)
     with pytest.raises(SettingError, match=r"csv or .npz"):
         save_waveform("wave.txt", waveform(straight(), [1.0, 2.0], FS))
+
+
+@pytest.mark.parametrize("name", ["wave.csv", "wave.npz"])
+def test_a_file_carries_what_speaks_against_its_waveform(tmp_path, name):
+    """And one that is good is a table alone."""
+    z = 10.0 - 10.0 * np.cos(np.arange(300) / 20.0)
+    for scale, level in ((0.9, "good"), (1.12, "doubtful"), (2.0, "bad")):
+        made = waveform(straight(metrics=CLEAN).replace(velocity=1e5), scale * z, FS, voltage_limits=(0.0, 2.3))
+        save_waveform(tmp_path / name, made)
+        read = load_waveform(tmp_path / name)
+        assert (read.verdict, read.verdict.level) == (made.verdict, level)
+        np.testing.assert_allclose(read.volts, made.volts, rtol=1e-11)
+    if name == "wave.csv":
+        whole = np.loadtxt(tmp_path / name, delimiter=",", skiprows=1)
+        np.testing.assert_allclose(whole[:, 2], 2.0 * z, rtol=1e-11)
+        assert (tmp_path / name).read_text().splitlines()[301] == "# verdict = bad"
+
+
+@pytest.mark.parametrize("name", ["wave.csv", "wave.npz"])
+def test_playback_refuses_a_bad_waveform_and_says_a_doubtful_one(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path("stage.toml").write_text(
+        '[driver]\nname = "simulated"\n[[axis]]\nstroke = 30.0\nvoltage_limits = [-0.6, 3.6]\nslew = 400.0\n'
+    )
+
+    def playback(level, *words):
+        made = waveform(straight(), 5.0 - 5.0 * np.cos(np.arange(400) / 50.0), 2000.0)
+        save_waveform(name, dataclasses.replace(made, verdict=Verdict(level, ("It asks for more, by far.",))))
+        command = ["playback", name, "--config", "stage.toml", "--overwrite", *words]
+        return CliRunner().invoke(main, command)
+
+    refused = playback("bad")
+    assert (refused.exit_code, refused.stdout, Path("record.csv").exists()) == (4, "", False)
+    assert "the verdict of this waveform is bad: It asks for more, by far. Make it anew" in refused.stderr
+    for level, words in (("bad", ["--force"]), ("doubtful", [])):
+        done = playback(level, *words)
+        assert (done.exit_code, Path("record.csv").exists()) == (0, True), done.output
+        assert "It asks for more, by far." in done.stdout
+        assert json.loads(playback(level, *words, "--json").stdout)["waveform"]["verdict"] == level
+    assert "verdict" not in playback("good").stdout
+
+
+def test_comments_of_others_are_no_verdict(tmp_path):
+    (tmp_path / "wave.csv").write_text("time,volts,desired\n0,0,0\n1,1,1\n2,2,2\n# verdict = fine\n# verdict\n")
+    assert verdict_of(tmp_path / "wave.csv").level == "good"
+    (tmp_path / "wave.csv").write_text("t,volts\r\n0,0\r\n1,1\r\n# verdict = bad,\r\n# reason_1 = Far, off.,\r\n")
+    assert verdict_of(tmp_path / "wave.csv") == Verdict("bad", ("Far, off.",))  # as a spreadsheet saves it again
 
 
 # ---- The command ---------------------------------------------------------------------------------------------------

@@ -134,6 +134,7 @@ def learned(found: Learned) -> truestroke.PredictedWaveform:
         out_of_reach=(),
         too_fast=(),
         beyond=Beyond((), ()),
+        verdict=found.verdict,
     )
 
 
@@ -165,8 +166,8 @@ def tell(made: truestroke.PredictedWaveform) -> None:
 
 def warn_of(model: truestroke.ActuatorModel) -> None:
     """On stderr, that the verdict of a model is bad."""
-    if model.provenance.get("verdict") == "bad":
-        click.echo(f"truestroke: the verdict of this model is bad: {model.provenance.get('reason_1', '')}", err=True)
+    if (verdict := model.verdict).is_bad:
+        click.echo(f"truestroke: the verdict of this model is bad: {' '.join(verdict.reasons[:1])}", err=True)
 
 
 def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:

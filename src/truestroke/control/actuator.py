@@ -17,6 +17,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Verdict
 from truestroke.control import feasibility, interval, inverse, reach, stage, tested
 from truestroke.control.explored import Explored
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
@@ -203,6 +204,11 @@ class ActuatorModel(Displayed, Layout):
     def deviations(self) -> FloatArray:
         """Standard deviations of the weights, in their units, shape (m,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of `identify`, by its provenance; good where it does not have one."""
+        return Verdict.named(self.provenance)
 
     @property
     def duration(self) -> float:
@@ -486,6 +492,7 @@ class ActuatorModel(Displayed, Layout):
         voltage_limits: tuple[float, float] | None = None,
         slew_limit: float = UNLIMITED,
         offset: float = 0.0,
+        warn: bool = True,
     ) -> FloatArray:
         """Voltage that makes the displacement, V, found by the kernel of the controller.
 
@@ -507,6 +514,8 @@ class ActuatorModel(Displayed, Layout):
             Fastest change of the voltage, V/s.
         offset : float
             By how much the sensor's zero is above that of the record, um.
+        warn : bool
+            False: the caller looks for itself where a limit holds the voltage back.
 
         Warns
         -----
@@ -514,59 +523,35 @@ class ActuatorModel(Displayed, Layout):
             A limit holds the voltage back, and the prediction is farther from the motion than is tolerable:
             `truestroke.waveform` says where, and has a verdict.
         """
+        zero = self.zero + checks.number("offset", offset, "um")
+        desired = checks.finite_array("displacement", displacement, "um")
+        fs = checks.positive("sample_rate", sample_rate, "Hz")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
-        options: dict[str, Any] = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit}
-        volts = self._inverted(displacement, sample_rate, **options, offset=offset)
-        low, high = limits
-        fastest = np.abs(np.diff(volts)).max(initial=0.0) * float(sample_rate)
-        if volts.size and (volts.min() <= low or volts.max() >= high or fastest >= slew_limit * (1 - 1e-9)):
-            self._warn_of_limits(volts, displacement, sample_rate, limits, slew_limit, offset)
+        known = self.stage(fs) if desired.size else None
+        z_d = desired - zero
+        if known is not None:
+            z_d, velocity = stage.strain(known, z_d), None
+        rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
+        volts = self._voltage(z_d, rate, fs, limits, slew_limit)
+        if checks.flag("warn", warn) and reach.at_a_limit(volts, fs, limits, slew_limit):
+            predicted = self.forward(volts, fs, offset=offset)
+            self._warn_of_limits(reach.Made(volts, desired, predicted, fs, limits, slew_limit))
         return volts
 
-    def _warn_of_limits(
-        self,
-        volts: FloatArray,
-        displacement: npt.ArrayLike,
-        sample_rate: float,
-        limits: tuple[float, float],
-        slew_limit: float,
-        offset: float,
-    ) -> None:
+    def _warn_of_limits(self, made: reach.Made) -> None:
         """LimitWarning for the caller of `invert`, where a limit keeps the motion from what is tolerable."""
-        made = reach.Made(
-            volts=volts,
-            desired=np.asarray(displacement, dtype=np.float64),
-            predicted=self.forward(volts, sample_rate, offset=offset),
-            sample_rate=float(sample_rate),
-            voltage_limits=limits,
-            slew_limit=slew_limit,
-        )
         held = made.held_back(self)
         if held.worst > reach.tolerable(self, made.desired):
-            words = f"voltage_limits = {limits[0]:.4g} to {limits[1]:.4g} V or the slew limit hold the motion back: "
+            low, high = made.voltage_limits
+            words = f"voltage_limits = {low:.4g} to {high:.4g} V or the slew limit hold the motion back: "
             words += "; ".join(held.warnings) + ". Move it, make it smaller or slower, or give other limits; "
             words += "truestroke.waveform has a verdict on it"
             warnings.warn(words, feasibility.LimitWarning, stacklevel=3)
 
-    def _inverted(
-        self,
-        displacement: npt.ArrayLike,
-        sample_rate: float,
-        *,
-        velocity: npt.ArrayLike | None = None,
-        voltage_limits: tuple[float, float] | None = None,
-        slew_limit: float = UNLIMITED,
-        offset: float = 0.0,
+    def _voltage(
+        self, z_d: FloatArray, rate: FloatArray, fs: float, limits: tuple[float, float], slew_limit: float
     ) -> FloatArray:
-        """`invert` without its warning."""
-        zero = self.zero + checks.number("offset", offset, "um")
-        z_d = checks.finite_array("displacement", displacement, "um") - zero
-        fs = checks.positive("sample_rate", sample_rate, "Hz")
-        known = self.stage(fs) if z_d.size else None
-        if known is not None:
-            z_d, velocity = stage.strain(known, z_d), None
-        rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
-        limits = self.voltage_range if voltage_limits is None else voltage_limits
+        """Voltage, V, that makes the strain z_d, um above `zero`, of a rate, um/s."""
         shift = round(self.delay * fs)
         late = self.delay - shift / fs + self.time_constant
         if late:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 LAGS = 3.0  # time constants after which a lag has forgotten a limit
 NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not reported
 FASTER = 10.0  # times the record: of such a speed it shows nothing, however small its error is
+SLEWED = 1 - 1e-9  # of the slew limit: a voltage that is as fast is held back by it
 OF_A_LIMIT = "out of reach: a voltage limit bounds it", "too fast: the slew limit bounds it"
 
 Finding = tuple[Level, str]
@@ -51,7 +52,7 @@ class Held:
         return max((span.worst for span in (*self.out_of_reach, *self.too_fast)), default=0.0)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Made:
     """A voltage, and the motion that it is for.
 
@@ -83,8 +84,17 @@ class Made:
         at_limit = _lasting(self.volts <= low, late) & (self.predicted > self.desired)
         at_limit |= _lasting(self.volts >= high, late) & (self.predicted < self.desired)
         rate = np.abs(np.diff(self.volts, prepend=self.volts[:1])) * fs
-        slewed = _lasting(rate >= self.slew_limit * (1 - 1e-9), late)
+        slewed = _lasting(rate >= self.slew_limit * SLEWED, late)
         return Held(spans(np.where(at_limit, short, 0.0), fs, off), spans(np.where(slewed, short, 0.0), fs, off))
+
+
+def at_a_limit(volts: FloatArray, sample_rate: float, limits: tuple[float, float], slew_limit: float) -> bool:
+    """Whether a voltage, V, is at one of its limits, or as fast as the slew limit, V/s, in any sample."""
+    if not volts.size:
+        return False
+    low, high = limits
+    fastest = float(np.abs(np.diff(volts)).max(initial=0.0)) * sample_rate
+    return bool(volts.min() <= low or volts.max() >= high or fastest >= slew_limit * SLEWED)
 
 
 def _lasting(held: npt.NDArray[np.bool_], late: int) -> npt.NDArray[np.bool_]:
@@ -190,10 +200,11 @@ def error_of(model: "ActuatorModel") -> float | None:
 
 
 def _of_model(model: "ActuatorModel", made: Made, least: float) -> Iterator[Finding]:
-    level = model.provenance.get("verdict")
-    if level in ("bad", "doubtful"):
-        why = model.provenance.get("reason_1", "")
-        yield ("bad" if level == "bad" else "doubtful"), f"The verdict of the model is {level}: {why}".rstrip(": ")
+    if (verdict := model.verdict).level != "good":
+        yield (
+            verdict.level,
+            f"The verdict of the model is {verdict.level}: {' '.join(verdict.reasons[:1])}".rstrip(": "),
+        )
     error = error_of(model) or model.noise
     if error > least:
         yield (

@@ -183,7 +183,7 @@ def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, sca
     The last as `identify` has it: a model whose error on its own record is large is as little known on another one.
     """
     said: list[tuple[Level, str]] = []
-    if model.provenance.get("verdict") == "bad":
+    if model.verdict.is_bad:
         said.append(("doubtful", "The verdict of the model on its own record is bad: see its page."))
     if abs(found["offset_um"]) > 3 * model.noise:
         where = "above" if found["offset_um"] > 0 else "below"

@@ -251,7 +251,7 @@ class IterativeLearning(Displayed):
         else:
             checks.instance("model", model, ActuatorModel, "an ActuatorModel, such as of truestroke.load_model(path)")
             periods = 1 + math.ceil(0.1 * self.sample_rate / self.samples)
-            volts = model._inverted(np.tile(self.desired, periods), self.sample_rate)[-self.samples :]
+            volts = model.invert(np.tile(self.desired, periods), self.sample_rate, warn=False)[-self.samples :]
         fastest = float(np.abs(np.diff(volts, append=volts[:1])).max()) * self.sample_rate
         if fastest > self.slew_limit:
             bound = f"at least {fastest:.4g} V/s, which the motion needs: raise it, or move slower or less"
