@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.interval import BEYOND
@@ -133,7 +134,9 @@ def _level(error: float, least: float) -> Level:
 
 def _share(error: float, made: Made) -> str:
     span = float(np.ptp(made.desired))
-    return f"{error:.3g} um" + (f", {100 * error / span:.2g} % of the motion's peak-to-peak" if span else "")
+    return f"{figures(error)} um" + (
+        f", {figures(100 * error / span, 2)} % of the motion's peak-to-peak" if span else ""
+    )
 
 
 def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> Iterator[Finding]:
@@ -172,8 +175,8 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
         yield (
             _level(error, least),
             f"The voltage is beyond that of the model's record, {low:.4g} to {high:.4g} V, by up to "
-            f"{100 * outside:.2g} % of its range: no record shows what the actuator does there. Record that range, and "
-            "identify anew.",
+            f"{figures(100 * outside, 2)} % of its range: no record shows what the actuator does there. Record that "
+            "range, and identify anew.",
         )
     faster = max((span.worst for span in beyond.velocity), default=0.0)
     times = 1 + faster / model.velocity if model.velocity and faster else 0.0
@@ -181,16 +184,17 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
     if times and (hidden > least or times > FASTER):
         yield (
             _level(hidden, least),
-            f"The motion is {times:.2g} times as fast as the model's record: an error that grows with the speed, such "
-            f"as that of a lag, may be {_share(hidden, made)}, and the record would not show it. Record motion that is "
-            "as fast, and identify anew.",
+            f"The motion is {figures(times, 2)} times as fast as the model's record: an error that grows with the "
+            f"speed, such as that of a lag, may be {_share(hidden, made)}, and the record would not show it. Record "
+            "motion that is as fast, and identify anew.",
         )
     above = max((span.worst for span in beyond.frequency), default=0.0)
     if above > least:
         yield (
             "doubtful",
-            f"Turns or steps have motion of up to {_share(above, made)}, above {beyond.tested_frequency:.3g} Hz, where "
-            "the record tests no response: a stage may ring there. Record such a motion, or make its turns longer.",
+            f"Turns or steps have motion of up to {_share(above, made)}, above {figures(beyond.tested_frequency)} Hz, "
+            "where the record tests no response: a stage may ring there. Record such a motion, or make its turns "
+            "longer.",
         )
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings, count
@@ -300,7 +301,9 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         stamps = record.unused or "there are no time stamps"
         says.append(f"{stamps}: jitter and gaps cannot be measured, the given sample rate is used")
     elif (error := 1e-6 * found.jitter_us * found.rates_um_s[1]) > max(found.noise_um, 1e-3 * found.stroke_um):
-        says.append(f"jitter of the time stamps makes errors of about {error:.2g} um at {found.rates_um_s[1]:.3g} um/s")
+        says.append(
+            f"jitter of the time stamps makes errors of about {error:.2g} um at {figures(found.rates_um_s[1])} um/s"
+        )
     per_stroke = record.time.size / found.strokes
     if per_stroke < 10:
         says.append(f"a stroke has only {per_stroke:.1f} samples on average: turning points are missed")
@@ -321,7 +324,7 @@ def _of_content(found: Findings) -> list[str]:
     else:
         slow, fast = found.stroke_speeds_um_s
         if fast < 2 * slow:
-            same = f"all strokes have about the same speed ({fast:.3g} um/s)"
+            same = f"all strokes have about the same speed ({figures(fast)} um/s)"
             says.append(f"{same}: the record is not informative about rate dependence")
         elif found.stroke_durations_s[1] < PACE * found.stroke_durations_s[0]:
             same = f"all strokes take about as long ({found.stroke_durations_s[1]:.3g} s)"

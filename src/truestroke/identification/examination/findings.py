@@ -4,6 +4,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+from truestroke.base.display import figures
+
 ALONG = 0.28  # of `Findings.stroke_places`: below, inner loops are of one family; random waves have 0.3 to 1.1
 PACE = 1.3  # of `Findings.stroke_durations_s`, the longest over the shortest: below, speed is that of the length
 VISITED = 50.0  # of `Findings.volts_visited_percent`: below, the voltage is at few levels; other motion has 70 to 100
@@ -124,7 +126,7 @@ class Findings:
         """What was moved, how far, how fast: in words in which a reader sees a wrong unit or clock."""
         volts = self.voltage_v[1] - self.voltage_v[0]
         strokes = f"{count(self.strokes, 'stroke')} in {self.duration_s:.4g} s"
-        fast = f"99 % of the time below {self.rates_um_s[2]:.3g} um/s"
+        fast = f"99 % of the time below {figures(self.rates_um_s[2])} um/s"
         return f"{strokes}, up to {self.stroke_um:.4g} um for {volts:.4g} V, {fast}, at {self.sample_rate_hz:.6g} Hz"
 
     def table(self) -> list[tuple[str, str]]:
@@ -148,8 +150,8 @@ class Findings:
             ("loop width", f"{self.loop_width_percent:.1f} % of stroke{without}"),
             ("delay", delay + ("" if self.lag_ms is None else f" (lag of the rates: {self.lag_ms:.3g} ms)")),
             ("noise", length(1e-6 * self.noise_um, "m")),
-            ("rates", "{:.3g}, {:.3g}, {:.3g} um/s (median, 90 %, 99 %)".format(*self.rates_um_s)),
-            ("strokes", f"{self.strokes}, at {slow:.3g} to {fast:.3g} um/s"),
+            ("rates", f"{', '.join(map(figures, self.rates_um_s))} um/s (median, 90 %, 99 %)"),
+            ("strokes", f"{self.strokes}, at {figures(slow)} to {figures(fast)} um/s"),
             ("states known", f"after {self.states_known_s:.3g} s"),
             ("clipped", clipped if self.clipped_displacement or self.clipped_volts else "none"),
         ]

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
@@ -97,7 +98,7 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
     late, row = 1e-3 * delay, 1 / found.sample_rate_hz
     stamps = f"the time stamps ({time.heading!r} in {time.unit})" if time else "the given sample rate"
     if time is not None and time.unit != "s" and abs(late) + SHOWN * row < SOON:
-        turns = f"within {1e6 * (abs(late) + SHOWN * row):.2g} us of the voltage, before most amplifiers do"
+        turns = f"within {figures(1e6 * (abs(late) + SHOWN * row), 2)} us of the voltage, before most amplifiers do"
         yield f"the displacement turns {turns}: are {stamps} in s? State the sample rate (`sample_rate`)"
     elif late > max(TARDY, SHOWN * row):
         turns = f"{late:.2g} s later than the voltage, as hardly any does"
@@ -130,8 +131,8 @@ def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
     rows = record.time.size / found.strokes
     if found.strokes >= 4 and rows < ALIASED:
         yield (
-            f"a stroke has {rows:.2g} rows on average: is the motion faster than the samples show it (aliasing)? "
-            "Sample ten times in a stroke, or move more slowly"
+            f"a stroke has {figures(rows, 2)} rows on average: is the motion faster than the samples show it "
+            "(aliasing)? Sample ten times in a stroke, or move more slowly"
         )
     if found.strokes >= 4 and found.seldom_way_percent < ONE_WAY:
         yield (
@@ -205,12 +206,12 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         )
     elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
         others = "nm or mm" if stroke < SMALL else "nm or counts"
-        yield f"the stroke is {stroke:.3g} um: is it in {others}? State its unit (`displacement_unit`)"
+        yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit (`displacement_unit`)"
     elif not moved.asked and not WEAK <= gain <= STRONG:
         what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
-        yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
+        yield f"{figures(stroke)} um for {figures(span)} V is {what}: is its unit right? State it (`displacement_unit`)"
     elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
-        yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
+        yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: is the voltage in V? State its unit (`volts_unit`)"
 
 
 def _of_converter(values: FloatArray) -> float:
@@ -323,9 +324,9 @@ def _of_slew(record: Record, found: Findings) -> Iterator[str]:
     behind = slew.best(record.volts[rows], record.displacement[rows], record.sample_rate, found.strokes)
     if behind is not None and behind.ratio < EXPLAINED_BY_SLEW:
         yield (
-            f"behind a voltage of at most {behind.rate:.2g} V/s, which is slower than the record's in "
-            f"{100 * behind.share:.2g} % of its fastest rows, the displacement is {1 / behind.ratio:.2g} times better "
-            f"explained: {where} {remedy}"
+            f"behind a voltage of at most {figures(behind.rate, 2)} V/s, which is slower than the record's in "
+            f"{100 * behind.share:.2g} % of its fastest rows, the displacement is {figures(1 / behind.ratio, 2)} times "
+            f"better explained: {where} {remedy}"
         )
 
 
