@@ -200,6 +200,14 @@ def test_the_verdict_says_whether_the_motion_is_made(changes, motion, limits, le
     assert reason in " ".join(made.verdict.reasons)
 
 
+def test_a_motion_whose_range_is_reached_elsewhere_is_told_by_its_place():
+    """It begins where hysteresis does not let it come back to."""
+    model = rich(rate=0.0).replace(voltage_range=(0.0, 3.0))
+    wanted = np.concatenate([np.linspace(0.4, 30.0, 400), np.linspace(30.0, 0.4, 400)])
+    (reason,) = waveform(model, wanted, FS, rest=np.inf).verdict.reasons
+    assert "At 0.3995 s it asks for 0.4 um, and 1." in reason
+
+
 def test_a_step_that_the_slew_limit_delays_for_a_moment_is_not_bad():
     z_d = np.where(np.arange(1000) < 300, 4.0, 14.0)
     fast = straight(metrics=CLEAN).replace(velocity=1e5)
@@ -208,7 +216,25 @@ def test_a_step_that_the_slew_limit_delays_for_a_moment_is_not_bad():
     assert (late.level, len(late.reasons)) == ("doubtful", 1)
 
 
+@pytest.mark.parametrize("model", [rich(rate=0.0), rich(rate=0.0, delay=0.01, zero=-40.0)])
+@pytest.mark.parametrize("rest", [0.0, 0.5, 30.0])
+def test_creep_that_has_not_ended_in_the_rest_goes_on(model, rest):
+    """As behind a voltage that really rested for so long, from 0 V; and the inverse takes it off."""
+    x = 1.5 + np.sin(np.arange(4000) / 300.0)
+    before = np.concatenate([np.zeros(10), np.full(round(rest * FS), x[0])])
+    np.testing.assert_allclose(
+        model.predict(x, FS, rest=rest)[100:], model.predict(np.append(before, x), FS)[before.size :][100:], atol=2e-5
+    )
+    z = model.zero + 12.0 + 3.0 * np.sin(np.maximum(np.arange(4000) - 50, 0) / 300.0)  # still for longer than the delay
+    volts = model.invert(z, FS, rest=rest)
+    np.testing.assert_allclose(model.predict(volts, FS, rest=rest)[100:], z[100:], atol=1e-7)
+    endless = model.predict(model.invert(z, FS), FS, rest=rest)
+    assert np.abs(endless - z)[100:].max() > (0.1 if rest < 1.0 else 0.0)
+
+
 def test_bad_arguments_are_named():
+    with pytest.raises(SettingError, match=r"rest = -1.0 s: must be"):
+        waveform(rich(), [1.0, 2.0], FS, rest=-1.0)
     with pytest.raises(SettingError, match=r"displacement.*at least two"):
         waveform(straight(), [1.0], FS)
     with pytest.raises(SettingError, match=r"displacement\[1\]"):

@@ -7,7 +7,7 @@ import click
 import truestroke
 from truestroke.base import files
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common, realtime
+from truestroke.cli import common, realtime, waveforms
 
 
 @click.command()
@@ -17,7 +17,7 @@ from truestroke.cli import common, realtime
 )
 @realtime.axis_option
 @click.option("--output", metavar="FILE", default="record.csv", help="Record, CSV.")
-@click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=0.5, help="Rest under the first voltage.")
+@waveforms.rest_option
 @click.option("--force", is_flag=True, help="Output a waveform whose verdict is bad.")
 @common.overwrite_option
 @common.json_option

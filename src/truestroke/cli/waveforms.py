@@ -15,6 +15,7 @@ from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 from truestroke.control import reach
 from truestroke.control.settings import UNLIMITED
+from truestroke.model.sampled import REST
 
 if TYPE_CHECKING:
     from truestroke.control.repeating.iterative import Learned
@@ -89,6 +90,10 @@ limit_options = common.options(
     click.option("--slew", metavar="V/S", type=float, help="Fastest change of the voltage.  [default: none]"),
     click.option("--strict", is_flag=True, help="Exit code 1 where there is a warning."),
 )  # fmt: skip
+
+
+rest_option = click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=REST,
+                           help="Rest under the first voltage, from rest at 0 V.")  # fmt: skip
 
 
 def waveform_file(option: str, name: str) -> Path:

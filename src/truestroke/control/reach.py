@@ -144,12 +144,11 @@ def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> 
     worst = max((span.worst for span in held.out_of_reach), default=0.0)
     if worst > least:
         whose = ", those of the model's record" if (low, high) == model.voltage_range else ""
-        asked, reached = (f"{z.min():.4g} to {z.max():.4g} um" for z in (made.desired, made.predicted))
         yield (
             _level(worst, least),
-            f"The motion is out of reach of {low:.4g} to {high:.4g} V{whose}: off by up to {_share(worst, made)}. It "
-            f"asks for {asked}, and {reached} are predicted. Move it, make it smaller, or give other `voltage_limits`, "
-            "which actuator and amplifier have to stand.",
+            f"The motion is out of reach of {low:.4g} to {high:.4g} V{whose}: off by up to {_share(worst, made)}. "
+            f"{_asked(made, held, least)} Move it, make it smaller, or give other `voltage_limits`, which actuator and "
+            "amplifier have to stand.",
         )
     worst = max((span.worst for span in held.too_fast), default=0.0)
     share = sum(span.stop - span.start for span in held.too_fast) * made.sample_rate / made.volts.size
@@ -159,6 +158,18 @@ def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> 
             f"The slew limit holds the motion back in {100 * share:.2g} % of the time, by up to {_share(worst, made)}: "
             "make it slower, or raise the limit.",
         )
+
+
+def _asked(made: Made, held: Held, least: float) -> str:
+    """What it asks for, and what is predicted: as ranges, or where it is worst if the range is reached elsewhere."""
+    asked, reached = made.desired, made.predicted
+    if max(reached.min() - asked.min(), asked.max() - reached.max()) > least / 2:
+        ranges = (f"{z.min():.4g} to {z.max():.4g} um" for z in (asked, reached))
+        return "It asks for {}, and {} are predicted.".format(*ranges)
+    worst = max(held.out_of_reach, key=lambda span: span.worst)
+    first, end = (round(t * made.sample_rate) for t in (worst.start, worst.stop))
+    k = first + int(np.argmax(np.abs(reached - asked)[first:end]))
+    return f"At {k / made.sample_rate:.4g} s it asks for {asked[k]:.4g} um, and {reached[k]:.4g} um are predicted."
 
 
 def _of_error(made: Made, least: float) -> Iterator[Finding]:

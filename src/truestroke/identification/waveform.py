@@ -16,6 +16,7 @@ from truestroke.control import actuator, reach
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
 from truestroke.control.spans import Beyond, Span
+from truestroke.model.sampled import REST
 from truestroke.signals import metrics
 from truestroke.signals.channels import Sampled
 
@@ -98,6 +99,7 @@ def waveform(
     voltage_limits: tuple[float, float] | None = None,
     slew_limit: float = UNLIMITED,
     offset: float = 0.0,
+    rest: float = REST,
 ) -> PredictedWaveform:
     """The voltage that makes a displacement, and where it does not.
 
@@ -110,6 +112,9 @@ def waveform(
     offset : float
         By how much the sensor's zero is above that of the record of the model, um: `score` estimates it from a
         recording of this day.
+    rest : float
+        Time under the first voltage before the waveform, s, from rest at 0 V: creep that is slower goes on. By default
+        that of `playback`; infinity is a rest in which creep has ended.
 
     Raises
     ------
@@ -135,9 +140,9 @@ def waveform(
     if desired.size < 2:
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits
-    asked: dict[str, Any] = {"voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
+    asked: dict[str, Any] = {"voltage_limits": limits, "slew_limit": slew_limit, "offset": offset, "rest": rest}
     volts = model.invert(desired, sample_rate, velocity=velocity, warn=False, **asked)
-    predicted = model.forward(volts, sample_rate, offset=offset)
+    predicted = model.forward(volts, sample_rate, offset=offset, rest=rest)
     return described(model, volts, desired, predicted, float(sample_rate), limits, slew_limit)
 
 

@@ -13,6 +13,7 @@ from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
+from truestroke.model.sampled import REST
 from truestroke.runtime.drivers.guard import Limits, check_range
 from truestroke.runtime.drivers.one_axis import ONE_OF, OneAxis
 from truestroke.runtime.drivers.paced import let_go
@@ -20,7 +21,6 @@ from truestroke.runtime.drivers.protocol import Driver
 
 __all__ = ["Player", "Recorded", "playback"]
 
-REST = 0.5  # s under the first voltage
 RAMP = 1.0  # s: how long a ramp over the whole of the voltage limits takes, at least
 
 
