@@ -69,6 +69,8 @@ class Findings:
     volts_visited_percent : float
         Share of twentieths of the voltage span in which more than a tenth as many rows are as of an even motion, %: 100
         for a triangle or a sine, 15 for steps between three levels.
+    volts_mostly_v : tuple[float, float] or None
+        Where these twentieths are, V, if they lie side by side: the voltage went further on single ways only.
     states_known_s : float
         Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
     clipped_displacement, clipped_volts : int
@@ -110,6 +112,7 @@ class Findings:
     stroke_places: float | None
     seldom_way_percent: float
     volts_visited_percent: float
+    volts_mostly_v: tuple[float, float] | None
     states_known_s: float
     clipped_displacement: int
     clipped_volts: int
@@ -117,6 +120,14 @@ class Findings:
     warnings: tuple[str, ...] = ()
     mistakes: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
+
+    @property
+    def narrow(self) -> str:
+        """In words, that most of the motion is in a part of the voltage's span; empty where it is not."""
+        if self.volts_mostly_v is None or self.volts_visited_percent >= VISITED:
+            return ""
+        (low, high), share = self.volts_mostly_v, self.volts_visited_percent
+        return f"most of the motion is at {low:.4g} to {high:.4g} V, {share:.0f} % of the voltage's span"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists and dicts, the types of JSON."""

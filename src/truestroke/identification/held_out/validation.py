@@ -470,7 +470,13 @@ def _of_excitation(findings: Findings, branches: bool) -> Iterator[tuple[Level, 
             f"All strokes take about as long ({_seconds(slow)}), so that long ones are fast: at other speeds the model "
             "is untested. Record strokes of several speeds, such as a random wave.",
         )
-    if findings.volts_visited_percent < VISITED:
+    if narrow := findings.narrow:
+        yield (
+            "doubtful",
+            f"{narrow[0].upper()}{narrow[1:]}: for motion beside that the model is hardly tested. Record a random wave "
+            "over all voltages that you use, or leave out the rows before and behind it.",
+        )
+    elif findings.volts_visited_percent < VISITED:
         yield (
             "doubtful",
             "The voltage is at few levels, and hardly in between: for other motion the model is untested. Record ways "
