@@ -50,6 +50,9 @@ FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its 
 CUT = 0.01  # of the rows
 ONE_WAY = 5.0  # % of the rows: few of one direction; a flyback takes 10, a triangle 50
 BY_CHANCE = 0.01  # of the deviation that noise alone makes of a mean: nearer to 0 no measured one is
+COARSE, NEXT = 0.004, 0.9  # of the span: a step of the voltage; and share of its changes that are of one step
+HELD, FEWEST_STEPS = 4, 20  # rows between two changes of one direction; and so many of these
+EVENLY, ALONG_STEP = 0.35, 0.5  # of the way between two changes, in its second half; and that way over a step's
 NO_MEAN = 1e-6  # of its span: the mean of a voltage of which it was taken off
 
 
@@ -74,6 +77,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
         *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
+        *_of_steps(record, found),
         *_of_slew(record, found),
         *_of_ringing(record, found),
         *rewritten(record, found),
@@ -284,6 +288,29 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
                 f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {rows} rows, "
                 f"while the {beside} goes on by up to {moved:.3g} {its} and comes back: is it cut off there?"
             )
+
+
+def _of_steps(record: Record, found: Findings) -> Iterator[str]:
+    """A voltage in steps between which the displacement goes on: it was recorded with few digits or bits.
+
+    The steps of a D/A converter move the actuator behind each of them, and no more before the next one.
+    """
+    x, z, span = record.volts, record.displacement, float(np.ptp(record.volts))
+    at = np.flatnonzero(np.diff(x)) + 1
+    jumps = np.diff(x)[at - 1]
+    step = float(np.abs(jumps).min())
+    if step < COARSE * span or np.mean(np.abs(jumps) < 1.5 * step) < NEXT:
+        return
+    held, onward = np.diff(at), jumps[1:] * jumps[:-1] > 0
+    start, rows, sign = (values[onward & (held >= HELD)] for values in (at[:-1], held, np.sign(jumps[1:])))
+    if start.size < FEWEST_STEPS:
+        return
+    whole, second = (float(np.median(sign * (z[start + rows - 1] - z[start + k]))) for k in (0, rows // 2))
+    if whole > ALONG_STEP * abs(found.gain_um_per_v) * step and second > EVENLY * whole:
+        yield (
+            f"the voltage goes by steps of {step:.3g} V, {100 * step / span:.2g} % of its span, between which the "
+            "displacement goes on evenly: was it recorded with few digits or bits? Record it finer"
+        )
 
 
 def level(signal: FloatArray, other: FloatArray, quiet: float, rough: float = 0.0) -> tuple[int, float]:
