@@ -1,5 +1,6 @@
 """Waveforms from a model: they undo its prediction, keep the limits, and tell where they fall short."""
 
+import dataclasses
 import json
 import warnings
 from pathlib import Path
@@ -11,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from truestroke import LimitWarning, SettingError, trajectories
+from truestroke.base.verdict import Verdict
 from truestroke.cli import main
 from truestroke.identification import (
     ActuatorModel,
@@ -22,6 +24,7 @@ from truestroke.identification import (
     save_waveform,
     waveform,
 )
+from truestroke.identification.waveform import verdict_of
 from truestroke.plant import RealisticPlant
 from truestroke.signals.recording import Recording
 
@@ -197,6 +200,14 @@ def test_the_verdict_says_whether_the_motion_is_made(changes, motion, limits, le
     assert reason in " ".join(made.verdict.reasons)
 
 
+def test_a_motion_whose_range_is_reached_elsewhere_is_told_by_its_place():
+    """It begins where hysteresis does not let it come back to."""
+    model = rich(rate=0.0).replace(voltage_range=(0.0, 3.0))
+    wanted = np.concatenate([np.linspace(0.4, 30.0, 400), np.linspace(30.0, 0.4, 400)])
+    (reason,) = waveform(model, wanted, FS, rest=np.inf).verdict.reasons
+    assert "At 0.3995 s it asks for 0.4 um, and 1." in reason
+
+
 def test_a_step_that_the_slew_limit_delays_for_a_moment_is_not_bad():
     z_d = np.where(np.arange(1000) < 300, 4.0, 14.0)
     fast = straight(metrics=CLEAN).replace(velocity=1e5)
@@ -205,13 +216,78 @@ def test_a_step_that_the_slew_limit_delays_for_a_moment_is_not_bad():
     assert (late.level, len(late.reasons)) == ("doubtful", 1)
 
 
+@pytest.mark.parametrize("model", [rich(rate=0.0), rich(rate=0.0, delay=0.01, zero=-40.0)])
+@pytest.mark.parametrize("rest", [0.0, 0.5, 30.0])
+def test_creep_that_has_not_ended_in_the_rest_goes_on(model, rest):
+    """As behind a voltage that really rested for so long, from 0 V; and the inverse takes it off."""
+    x = 1.5 + np.sin(np.arange(4000) / 300.0)
+    before = np.concatenate([np.zeros(10), np.full(round(rest * FS), x[0])])
+    np.testing.assert_allclose(
+        model.predict(x, FS, rest=rest)[100:], model.predict(np.append(before, x), FS)[before.size :][100:], atol=2e-5
+    )
+    z = model.zero + 12.0 + 3.0 * np.sin(np.maximum(np.arange(4000) - 50, 0) / 300.0)  # still for longer than the delay
+    volts = model.invert(z, FS, rest=rest)
+    np.testing.assert_allclose(model.predict(volts, FS, rest=rest)[100:], z[100:], atol=1e-7)
+    endless = model.predict(model.invert(z, FS), FS, rest=rest)
+    assert np.abs(endless - z)[100:].max() > (0.1 if rest < 1.0 else 0.0)
+
+
 def test_bad_arguments_are_named():
+    with pytest.raises(SettingError, match=r"rest = -1.0 s: must be"):
+        waveform(rich(), [1.0, 2.0], FS, rest=-1.0)
     with pytest.raises(SettingError, match=r"displacement.*at least two"):
         waveform(straight(), [1.0], FS)
     with pytest.raises(SettingError, match=r"displacement\[1\]"):
         waveform(straight(), [1.0, np.nan], FS)
     with pytest.raises(SettingError, match=r"csv or .npz"):
         save_waveform("wave.txt", waveform(straight(), [1.0, 2.0], FS))
+
+
+@pytest.mark.parametrize("name", ["wave.csv", "wave.npz"])
+def test_a_file_carries_what_speaks_against_its_waveform(tmp_path, name):
+    """And one that is good is a table alone."""
+    z = 10.0 - 10.0 * np.cos(np.arange(300) / 20.0)
+    for scale, level in ((0.9, "good"), (1.12, "doubtful"), (2.0, "bad")):
+        made = waveform(straight(metrics=CLEAN).replace(velocity=1e5), scale * z, FS, voltage_limits=(0.0, 2.3))
+        save_waveform(tmp_path / name, made)
+        read = load_waveform(tmp_path / name)
+        assert (read.verdict, read.verdict.level) == (made.verdict, level)
+        np.testing.assert_allclose(read.volts, made.volts, rtol=1e-11)
+    if name == "wave.csv":
+        whole = np.loadtxt(tmp_path / name, delimiter=",", skiprows=1)
+        np.testing.assert_allclose(whole[:, 2], 2.0 * z, rtol=1e-11)
+        assert (tmp_path / name).read_text().splitlines()[301] == "# verdict = bad"
+
+
+@pytest.mark.parametrize("name", ["wave.csv", "wave.npz"])
+def test_playback_refuses_a_bad_waveform_and_says_a_doubtful_one(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path("stage.toml").write_text(
+        '[driver]\nname = "simulated"\n[[axis]]\nstroke = 30.0\nvoltage_limits = [-0.6, 3.6]\nslew = 400.0\n'
+    )
+
+    def playback(level, *words):
+        made = waveform(straight(), 5.0 - 5.0 * np.cos(np.arange(400) / 50.0), 2000.0)
+        save_waveform(name, dataclasses.replace(made, verdict=Verdict(level, ("It asks for more, by far.",))))
+        command = ["playback", name, "--config", "stage.toml", "--overwrite", *words]
+        return CliRunner().invoke(main, command)
+
+    refused = playback("bad")
+    assert (refused.exit_code, refused.stdout, Path("record.csv").exists()) == (4, "", False)
+    assert "the verdict of this waveform is bad: It asks for more, by far. Make it anew" in refused.stderr
+    for level, words in (("bad", ["--force"]), ("doubtful", [])):
+        done = playback(level, *words)
+        assert (done.exit_code, Path("record.csv").exists()) == (0, True), done.output
+        assert "It asks for more, by far." in done.stdout
+        assert json.loads(playback(level, *words, "--json").stdout)["waveform"]["verdict"] == level
+    assert "verdict" not in playback("good").stdout
+
+
+def test_comments_of_others_are_no_verdict(tmp_path):
+    (tmp_path / "wave.csv").write_text("time,volts,desired\n0,0,0\n1,1,1\n2,2,2\n# verdict = fine\n# verdict\n")
+    assert verdict_of(tmp_path / "wave.csv").level == "good"
+    (tmp_path / "wave.csv").write_text("t,volts\r\n0,0\r\n1,1\r\n# verdict = bad,\r\n# reason_1 = Far, off.,\r\n")
+    assert verdict_of(tmp_path / "wave.csv") == Verdict("bad", ("Far, off.",))  # as a spreadsheet saves it again
 
 
 # ---- The command ---------------------------------------------------------------------------------------------------

@@ -238,3 +238,18 @@ def test_a_record_of_a_day_has_no_modes_that_are_too_slow_for_one() -> None:
     strain = np.cos(np.arange(400) / 9.0)
     assert ModeSearch(strain, strain + 0.1 * np.roll(strain, 1), np.ones(400, dtype=bool), 8e-4).run() == (None, False)
     assert math.isfinite(ModeSearch(strain, strain, np.ones(400, dtype=bool), 0.1).lowest)
+
+
+@pytest.mark.parametrize(("lag", "recorded"), [(0.0, True), (0.0, False), (0.02, False), (0.01, True)])
+def test_a_voltage_that_was_recorded_in_steps_is_told_from_one_that_goes_in_steps(lag: float, recorded: bool) -> None:
+    """By 2 % of its span, at 1 kHz: where the actuator is moved in steps it goes on behind each, within 20 ms."""
+    t = np.arange(20_000) / 1000.0
+    smooth = 50 - 50 * np.cos(2 * np.pi * 0.07 * t) * (0.7 + 0.3 * np.cos(2 * np.pi * 0.023 * t))
+    stepped = 2.0 * np.round(smooth / 2.0)
+    x = smooth if recorded else stepped
+    z = x + 0.1 * x * (1 - x / 100)
+    if lag:
+        z = z[0] + lfilter([1 - np.exp(-0.001 / lag)], [1, -np.exp(-0.001 / lag)], z - z[0])
+    z += np.random.Generator(np.random.PCG64(1)).normal(0, 0.05, t.size)
+    said = examine(Record.from_arrays(stepped, z, sample_rate=1000.0)).implausible
+    assert any("goes by steps of 2 V, 2.2 % of its span" in words for words in said) == recorded

@@ -10,7 +10,7 @@ from scipy import signal
 
 from truestroke import Dynamics, Mode, SettingError
 from truestroke import trajectories as tr
-from truestroke.control.stage import INVERTED, _inverted, strain
+from truestroke.control.stage import INVERTED, strain, strain_within
 from truestroke.signals import shaping
 from truestroke.signals.tables import RecordError
 
@@ -213,7 +213,7 @@ def test_a_step_has_nothing_at_the_zero_between_two_modes():
     asked = {"hold": 0.05, "ramp": 0.05, "duration": 0.3, "sample_rate": 1e4}
     for settle, least, most in ((stiff, 1.0, 2.0), (replace(stiff, modes=(replace(pair[0], share=1.0),)), 2.0, 20.0)):
         position = tr.step(peak_to_peak=5.0, settle=settle, **asked).position
-        needed = np.ptp(_inverted(stiff, position, INVERTED[0])) / 5.0
+        needed = np.ptp(strain_within(stiff, position, INVERTED[0])) / 5.0
         assert least < needed < most
         assert np.ptp(strain(stiff, position)) < 2.0 * 5.0
 

@@ -234,6 +234,17 @@ def test_few_levels_do_not_show_the_curve_between_them(levels: int) -> None:
         assert any("at few levels" in words for words in said) == (levels == 4)
 
 
+def test_motion_about_a_voltage_far_from_the_first_is_at_no_levels() -> None:
+    """A random wave between 2.4 and 3.2 V, after a way from 0 V: words and remedy are others."""
+    noise = np.random.Generator(np.random.PCG64(5)).normal(size=T.size)
+    wave = np.convolve(noise, np.hanning(round(0.3 * RATE)), "same")
+    wave = np.minimum(T / 0.5, 1.0) * (2.4 + 0.8 * (wave - wave.min()) / np.ptp(wave))
+    _, reasons, warnings = family(wave, 5.0)
+    for said in (reasons, warnings):
+        assert not any("few levels" in words for words in said)
+        assert any("ost of the motion is at 2." in words and "% of the voltage's span" in words for words in said)
+
+
 @pytest.mark.parametrize(("loop", "matters"), [(0.05, False), (0.2, True)])
 def test_a_loop_within_the_noise_needs_no_other_inner_loops(loop: float, matters: bool) -> None:
     """Width of the loop over twice the noise: 0.8, and 4.1, of which an error of 0.27 was seen."""

@@ -15,6 +15,7 @@ from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common
 from truestroke.control import reach
 from truestroke.control.settings import UNLIMITED
+from truestroke.model.sampled import REST
 
 if TYPE_CHECKING:
     from truestroke.control.repeating.iterative import Learned
@@ -91,6 +92,10 @@ limit_options = common.options(
 )  # fmt: skip
 
 
+rest_option = click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=REST,
+                           help="Rest under the first voltage, from rest at 0 V.")  # fmt: skip
+
+
 def waveform_file(option: str, name: str) -> Path:
     """Where a waveform can be written; an error now rather than later."""
     if Path(name).suffix not in (".csv", ".npz"):
@@ -134,6 +139,7 @@ def learned(found: Learned) -> truestroke.PredictedWaveform:
         out_of_reach=(),
         too_fast=(),
         beyond=Beyond((), ()),
+        verdict=found.verdict,
     )
 
 
@@ -165,8 +171,8 @@ def tell(made: truestroke.PredictedWaveform) -> None:
 
 def warn_of(model: truestroke.ActuatorModel) -> None:
     """On stderr, that the verdict of a model is bad."""
-    if model.provenance.get("verdict") == "bad":
-        click.echo(f"truestroke: the verdict of this model is bad: {model.provenance.get('reason_1', '')}", err=True)
+    if (verdict := model.verdict).is_bad:
+        click.echo(f"truestroke: the verdict of this model is bad: {' '.join(verdict.reasons[:1])}", err=True)
 
 
 def as_dict(made: truestroke.PredictedWaveform) -> dict[str, Any]:

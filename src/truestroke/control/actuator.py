@@ -17,6 +17,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
+from truestroke.base.verdict import Verdict
 from truestroke.control import feasibility, interval, inverse, reach, stage, tested
 from truestroke.control.explored import Explored
 from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
@@ -26,8 +27,8 @@ from truestroke.model.branches import Branches
 from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
-from truestroke.model.models import Motion, known_terms
-from truestroke.model.sampled import ahead, central_difference, creep_states, play_sum, respond
+from truestroke.model.models import Motion, asymmetry_terms, known_terms
+from truestroke.model.sampled import ahead, central_difference, creep_states, creep_to_come, play_sum, respond
 from truestroke.signals import quiet
 
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
@@ -205,6 +206,11 @@ class ActuatorModel(Displayed, Layout):
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
+    def verdict(self) -> Verdict:
+        """Of `identify`, by its provenance; good where it does not have one."""
+        return Verdict.named(self.provenance)
+
+    @property
     def duration(self) -> float:
         """Of the record, s, by its metrics; 0 where they do not have it."""
         rate = self.metrics.get("record_sample_rate_hz", 0.0)
@@ -364,12 +370,18 @@ class ActuatorModel(Displayed, Layout):
     # ---- Forward ---------------------------------------------------------------------------------------------------
 
     def predict(
-        self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0, measured: bool | None = None
+        self,
+        volts: npt.ArrayLike,
+        sample_rate: float,
+        *,
+        offset: float = 0.0,
+        measured: bool | None = None,
+        rest: float = math.inf,
     ) -> FloatArray:
         """Displacement that the voltage makes, um, as the sensor of the record reads it.
 
-        The actuator is taken to have rested at the first voltage, reached from 0 V. The zero of another day is another
-        one: `identification.score` estimates it.
+        The actuator is taken to have rested at the first voltage, reached from rest at 0 V. The zero of another day is
+        another one: `identification.score` estimates it.
 
         Parameters
         ----------
@@ -383,16 +395,21 @@ class ActuatorModel(Displayed, Layout):
             True: the voltage was measured. White noise of 1e-4 to 0.02 of the range of the record is taken off, for the
             actuator does not see it. False: it is the voltage at the actuator. By default noise is taken off where the
             record's voltage had some, too (`voltage_noise`), of a quarter to four times the size.
+        rest : float
+            Time under the first voltage before the first sample, s, at least 0: creep that is slower goes on. By
+            default it has ended.
         """
-        return self.forward(self._at_the_actuator(volts, measured), sample_rate, offset=offset)
+        return self.forward(self._at_the_actuator(volts, measured), sample_rate, offset=offset, rest=rest)
 
-    def forward(self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0) -> FloatArray:
+    def forward(
+        self, volts: npt.ArrayLike, sample_rate: float, *, offset: float = 0.0, rest: float = math.inf
+    ) -> FloatArray:
         """Displacement that a voltage at the actuator makes, um, such as one that a model made: it has no noise.
 
-        volts, sample_rate, offset and the errors as of `predict`.
+        volts, sample_rate, offset, rest and the errors as of `predict`.
         """
         zero = self.zero + checks.number("offset", offset, "um")
-        return zero + self._moved(self.strain(volts, sample_rate), float(sample_rate))
+        return zero + self._moved(self.strain(volts, sample_rate, rest=rest), float(sample_rate))
 
     def _moved(self, strain: FloatArray, fs: float) -> FloatArray:
         """What the stage, dead time and lag make of a strain, um above `zero`."""
@@ -411,18 +428,21 @@ class ActuatorModel(Displayed, Layout):
         alike = measured or self.voltage_noise / ALIKE < deviation < self.voltage_noise * ALIKE
         return quiet.without_noise(x, deviation) if alike else x
 
-    def strain(self, volts: npt.ArrayLike, sample_rate: float) -> FloatArray:
+    def strain(self, volts: npt.ArrayLike, sample_rate: float, *, rest: float = math.inf) -> FloatArray:
         """What the voltage at the actuator makes before dead time, lag and `dynamics`, um above `zero`.
 
-        volts and sample_rate as of `predict`.
+        volts, sample_rate and rest as of `predict`.
         """
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
+        rest = _rest(rest)
         if x.size == 0:
             return x
         w = self.weights
         a, b = self.of_all_plays(w)
         creep = creep_states(x, self.creep_times, fs)
+        if rest < math.inf and creep:
+            creep = list(creep - creep_to_come(float(x[0]), self.creep_times, rest, np.arange(x.size) / fs))
         further = 0.0 if self.branches is None else self.branches.sum(x)
 
         def response(velocity: FloatArray) -> FloatArray:
@@ -486,6 +506,8 @@ class ActuatorModel(Displayed, Layout):
         voltage_limits: tuple[float, float] | None = None,
         slew_limit: float = UNLIMITED,
         offset: float = 0.0,
+        rest: float = math.inf,
+        warn: bool = True,
     ) -> FloatArray:
         """Voltage that makes the displacement, V, found by the kernel of the controller.
 
@@ -507,6 +529,10 @@ class ActuatorModel(Displayed, Layout):
             Fastest change of the voltage, V/s.
         offset : float
             By how much the sensor's zero is above that of the record, um.
+        rest : float
+            As of `predict`.
+        warn : bool
+            False: the caller looks for itself where a limit holds the voltage back.
 
         Warns
         -----
@@ -514,59 +540,35 @@ class ActuatorModel(Displayed, Layout):
             A limit holds the voltage back, and the prediction is farther from the motion than is tolerable:
             `truestroke.waveform` says where, and has a verdict.
         """
+        zero = self.zero + checks.number("offset", offset, "um")
+        desired = checks.finite_array("displacement", displacement, "um")
+        fs = checks.positive("sample_rate", sample_rate, "Hz")
         limits = self.voltage_range if voltage_limits is None else voltage_limits
-        options: dict[str, Any] = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit}
-        volts = self._inverted(displacement, sample_rate, **options, offset=offset)
-        low, high = limits
-        fastest = np.abs(np.diff(volts)).max(initial=0.0) * float(sample_rate)
-        if volts.size and (volts.min() <= low or volts.max() >= high or fastest >= slew_limit * (1 - 1e-9)):
-            self._warn_of_limits(volts, displacement, sample_rate, limits, slew_limit, offset)
+        known = self.stage(fs) if desired.size else None
+        z_d = desired - zero
+        if known is not None:
+            z_d, velocity = stage.strain(known, z_d), None
+        rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
+        volts = self._voltage(self._without_creep(z_d, fs, limits, _rest(rest)), rate, fs, limits, slew_limit)
+        if checks.flag("warn", warn) and reach.at_a_limit(volts, fs, limits, slew_limit):
+            predicted = self.forward(volts, fs, offset=offset, rest=rest)
+            self._warn_of_limits(reach.Made(volts, desired, predicted, fs, limits, slew_limit))
         return volts
 
-    def _warn_of_limits(
-        self,
-        volts: FloatArray,
-        displacement: npt.ArrayLike,
-        sample_rate: float,
-        limits: tuple[float, float],
-        slew_limit: float,
-        offset: float,
-    ) -> None:
+    def _warn_of_limits(self, made: reach.Made) -> None:
         """LimitWarning for the caller of `invert`, where a limit keeps the motion from what is tolerable."""
-        made = reach.Made(
-            volts=volts,
-            desired=np.asarray(displacement, dtype=np.float64),
-            predicted=self.forward(volts, sample_rate, offset=offset),
-            sample_rate=float(sample_rate),
-            voltage_limits=limits,
-            slew_limit=slew_limit,
-        )
         held = made.held_back(self)
         if held.worst > reach.tolerable(self, made.desired):
-            words = f"voltage_limits = {limits[0]:.4g} to {limits[1]:.4g} V or the slew limit hold the motion back: "
+            low, high = made.voltage_limits
+            words = f"voltage_limits = {low:.4g} to {high:.4g} V or the slew limit hold the motion back: "
             words += "; ".join(held.warnings) + ". Move it, make it smaller or slower, or give other limits; "
             words += "truestroke.waveform has a verdict on it"
             warnings.warn(words, feasibility.LimitWarning, stacklevel=3)
 
-    def _inverted(
-        self,
-        displacement: npt.ArrayLike,
-        sample_rate: float,
-        *,
-        velocity: npt.ArrayLike | None = None,
-        voltage_limits: tuple[float, float] | None = None,
-        slew_limit: float = UNLIMITED,
-        offset: float = 0.0,
+    def _voltage(
+        self, z_d: FloatArray, rate: FloatArray, fs: float, limits: tuple[float, float], slew_limit: float
     ) -> FloatArray:
-        """`invert` without its warning."""
-        zero = self.zero + checks.number("offset", offset, "um")
-        z_d = checks.finite_array("displacement", displacement, "um") - zero
-        fs = checks.positive("sample_rate", sample_rate, "Hz")
-        known = self.stage(fs) if z_d.size else None
-        if known is not None:
-            z_d, velocity = stage.strain(known, z_d), None
-        rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
-        limits = self.voltage_range if voltage_limits is None else voltage_limits
+        """Voltage, V, that makes the strain z_d, um above `zero`, of a rate, um/s."""
         shift = round(self.delay * fs)
         late = self.delay - shift / fs + self.time_constant
         if late:
@@ -577,7 +579,7 @@ class ActuatorModel(Displayed, Layout):
         fixed = alike(fs, initial_weights=self.delayed(0.0), **changes)
         volts, rest = np.empty_like(z_d), 0.0
         if z_d.size:
-            rest = self._rest(float(z_d[0]), fixed.voltage_limits)
+            rest = self._resting(float(z_d[0]), fixed.voltage_limits)
         if self.branches is not None:
             wanted = ahead(z_d, shift, z_d[-1:]), ahead(self.seen(rate), shift, np.zeros(1))
             return inverse.waveform(self, *wanted, rest, fixed.voltage_limits, slew_limit / fs, fs)
@@ -588,12 +590,28 @@ class ActuatorModel(Displayed, Layout):
         kernel.process(ahead(z_d, shift, z_d[-1:]), ahead(rate, shift, np.zeros(1)), None, volts)
         return volts
 
-    def _rest(self, z: float, limits: tuple[float, float]) -> float:
-        """Voltage within the limits under which the actuator rests at z, um above `zero`, or as near as can be."""
+    def _without_creep(self, z: FloatArray, fs: float, limits: tuple[float, float], rest: float) -> FloatArray:
+        """The strain, um above `zero`, whose voltage makes z after a rest of so long, s, not after an endless one."""
+        if not self.creep_times or not z.size or rest == math.inf:
+            return z
+        since = np.maximum(np.arange(z.size) / fs - self.delay, 0.0)  # where the voltage of each strain is
+        first = self._resting(float(z[min(round(self.delay * fs), z.size - 1)]), limits, rest)
+        to_come = self.weights[self.columns["creep"]] @ creep_to_come(first, self.creep_times, rest, since)
+        bend = self.weights[self.columns["asymmetry"]]
+        shape = bend @ np.array(asymmetry_terms(z, self.stroke))[: bend.size] if bend.size else 0.0
+        still = np.zeros((len(self.creep_times), z.size))
+        left = z - shape + to_come - self.weights[self.columns["offset"]].sum()
+        return displacement(self, self.weights, left, still, np.zeros_like(z))
+
+    def _resting(self, z: float, limits: tuple[float, float], rest: float = math.inf) -> float:
+        """Voltage within the limits under which the actuator is at z, um above `zero`, after a rest of so long, s.
+
+        Or as near as can be.
+        """
         from scipy.optimize import brentq
 
         def over(volts: float) -> float:
-            return float(self.predict([volts], 1.0)[0]) - self.zero - z
+            return float(self.forward([volts], 1.0, rest=rest)[0]) - self.zero - z
 
         if over(limits[0]) >= 0 or over(limits[1]) <= 0:
             return min(limits, key=lambda volts: abs(over(volts)))
@@ -656,6 +674,11 @@ def displacement(
     z = np.empty_like(velocity)
     _kernel.displacement(plays, known, weights, asymmetry, model.stroke, z)
     return z
+
+
+def _rest(rest: float) -> float:
+    """A time of rest, s; infinity is one."""
+    return math.inf if rest == math.inf else checks.within("rest", rest, 0.0, 1e12, "s")
 
 
 def _sensor_lag(sensor_delay: float | None = None, sensor_bandwidth: float | None = None, **_: Any) -> float:

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.errors import shown_as_public
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
@@ -280,19 +281,19 @@ def check(
     limit = settings.slew_limit if slew is None else slew
     low, high = settings.voltage_limits if voltage_limits is None else voltage_limits
     (least, most), motion = needs.reach, names["motion"]
-    pace = f"at up to {needs.speed:.4g} um/s and {needs.acceleration:.3g} um/s^2"
+    pace = f"at up to {figures(needs.speed, 4)} um/s and {needs.acceleration:.3g} um/s^2"
     bound = ""
     if most - least > SPARE * settings.stroke:
-        bound = f"within the stroke, {settings.stroke:g} um (it moves {pace}: about {needs.slew:.3g} V/s); "
+        bound = f"within the stroke, {settings.stroke:g} um (it moves {pace}: about {figures(needs.slew)} V/s); "
         bound += f"make it smaller, or change {names['stroke']}"
     elif needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
-        bound = f"within reach: about {needs.volts[0]:.3g} to {needs.volts[1]:.3g} V are needed at "
+        bound = f"within reach: about {figures(needs.volts[0])} to {figures(needs.volts[1])} V are needed at "
         bound += f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; "
         bound += "make it smaller, or correct the limits or the model (um, V)"
     if bound:
         raise SettingError(motion, f"{least:g} to {most:.6g}", bound, "um")
     if needs.usual_slew / DOUBT > limit:
-        bound = f"about {needs.slew:.3g} V/s for a motion {pace} (at {gains(settings)[1]:.3g} um/V); "
+        bound = f"about {figures(needs.slew)} V/s for a motion {pace} (at {gains(settings)[1]:.3g} um/V); "
         raise SettingError(names["slew"], f"{limit:g}", f"{bound}raise it, or make {motion} slower", "V/s")
 
 
@@ -322,8 +323,8 @@ def notices(
     if needs.volts[0] < min(low, 0.0) or needs.volts[1] > max(high, 0.0):
         found.append(
             f"{names['voltage_limits']} = {low:g} to {high:g} V will hold the motion back: it needs about "
-            f"{needs.volts[0]:.3g} to {needs.volts[1]:.3g} V ({needs.reach[0]:.4g} to {needs.reach[1]:.4g} um at "
-            f"{gains(settings)[0]:.3g} um/V)"
+            f"{figures(needs.volts[0])} to {figures(needs.volts[1])} V ({needs.reach[0]:.4g} to {needs.reach[1]:.4g} "
+            f"um at {gains(settings)[0]:.3g} um/V)"
         )
     elif needs.back < min(low, 0.0):
         found.append(
@@ -333,7 +334,7 @@ def notices(
         )
     if needs.slew > limit:
         found.append(
-            f"{names['slew']} = {limit:g} V/s will hold the motion back: it needs about {needs.slew:.3g} V/s "
+            f"{names['slew']} = {limit:g} V/s will hold the motion back: it needs about {figures(needs.slew)} V/s "
             f"({_pace(needs, settings)})"
         )
     span = needs.reach[1] - needs.reach[0]
@@ -348,7 +349,7 @@ def notices(
 
 def _pace(needs: Demands, settings: ControllerSettings) -> str:
     inertia = f", with the inertia of a stage of {needs.resonance:.4g} Hz" if needs.resonance else ""
-    return f"{needs.speed:.4g} um/s at {gains(settings)[1]:.3g} um/V{inertia}"
+    return f"{figures(needs.speed, 4)} um/s at {gains(settings)[1]:.3g} um/V{inertia}"
 
 
 def needed_slew(
@@ -434,9 +435,9 @@ class UnknownMotion:
             return None
         self.unhindered, speed, gain = math.inf, abs(zdot_d), gains(s)[1]
         return (
-            f"slew_limit = {s.slew_limit:.4g} V/s, the default, holds the motion back: {speed:.4g} um/s need about "
-            f"{speed / gain:.3g} V/s; give resonance=, f0 of the data sheet in Hz, or slew_limit=, twice the highest "
-            f"velocity over {gain:.3g} um/V"
+            f"slew_limit = {figures(s.slew_limit, 4)} V/s, the default, holds the motion back: {figures(speed, 4)} "
+            f"um/s need about {figures(speed / gain)} V/s; give resonance=, f0 of the data sheet in Hz, or "
+            f"slew_limit=, twice the highest velocity over {gain:.3g} um/V"
         )
 
 
@@ -452,8 +453,8 @@ def raise_slew(trajectory: Trajectory | Pursued, controller: Any, most: float = 
     controller.change(slew_limit=slew)
     needs = demands(trajectory, settings, mode)
     return (
-        f"{NAMES['slew']} is {slew:.4g} V/s in place of its default, {settings.slew_limit:g} V/s: the motion needs "
-        f"about {needs.slew:.3g} V/s ({_pace(needs, settings)}); set {NAMES['slew']} to keep it lower",
+        f"{NAMES['slew']} is {figures(slew, 4)} V/s in place of its default, {settings.slew_limit:g} V/s: the motion "
+        f"needs about {figures(needs.slew)} V/s ({_pace(needs, settings)}); set {NAMES['slew']} to keep it lower",
     )
 
 

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base import checks
-from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.display import Displayed, Rows, figures, quantity
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control import loop_shaping
@@ -165,7 +165,7 @@ class Feedback(Displayed):
             return " ".join(("none", *self.reasons))
         hum = f"; hum of {', '.join(f'{line:g}' for line in self.hum)} Hz" if self.hum else ""
         margins = f"gain margin {self.gain_margin:.2g}, phase margin {self.phase_margin:.0f} deg"
-        return f"reduces loads below {self.bandwidth_hz:.3g} Hz, its bandwidth{hum}; {margins}"
+        return f"reduces loads below {figures(self.bandwidth_hz)} Hz, its bandwidth{hum}; {margins}"
 
     @property
     def verdict(self) -> Verdict:
@@ -181,7 +181,7 @@ class Feedback(Displayed):
             ("phase margin", quantity(float(f"{self.phase_margin:.3g}"), "deg")),
             ("sensitivity peak", quantity(float(f"{self.sensitivity_peak:.3g}"))),
             ("bandwidth", quantity(float(f"{self.bandwidth_hz:.3g}"), "Hz")),
-            ("damping", f"{self.damping:.3g} times"),
+            ("damping", f"{figures(self.damping)} times"),
             ("noise gain", quantity(float(f"{self.noise_gain:.2g}"))),
             ("hum", quantity(self.hum, "Hz") if self.hum else "-"),
             *(("left out", reason) for reason in self.reasons),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.interval import BEYOND
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 LAGS = 3.0  # time constants after which a lag has forgotten a limit
 NOTICED = 1e-4  # of the stroke: an error at a limit that is smaller is not reported
 FASTER = 10.0  # times the record: of such a speed it shows nothing, however small its error is
+SLEWED = 1 - 1e-9  # of the slew limit: a voltage that is as fast is held back by it
 OF_A_LIMIT = "out of reach: a voltage limit bounds it", "too fast: the slew limit bounds it"
 
 Finding = tuple[Level, str]
@@ -51,7 +53,7 @@ class Held:
         return max((span.worst for span in (*self.out_of_reach, *self.too_fast)), default=0.0)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Made:
     """A voltage, and the motion that it is for.
 
@@ -83,8 +85,17 @@ class Made:
         at_limit = _lasting(self.volts <= low, late) & (self.predicted > self.desired)
         at_limit |= _lasting(self.volts >= high, late) & (self.predicted < self.desired)
         rate = np.abs(np.diff(self.volts, prepend=self.volts[:1])) * fs
-        slewed = _lasting(rate >= self.slew_limit * (1 - 1e-9), late)
+        slewed = _lasting(rate >= self.slew_limit * SLEWED, late)
         return Held(spans(np.where(at_limit, short, 0.0), fs, off), spans(np.where(slewed, short, 0.0), fs, off))
+
+
+def at_a_limit(volts: FloatArray, sample_rate: float, limits: tuple[float, float], slew_limit: float) -> bool:
+    """Whether a voltage, V, is at one of its limits, or as fast as the slew limit, V/s, in any sample."""
+    if not volts.size:
+        return False
+    low, high = limits
+    fastest = float(np.abs(np.diff(volts)).max(initial=0.0)) * sample_rate
+    return bool(volts.min() <= low or volts.max() >= high or fastest >= slew_limit * SLEWED)
 
 
 def _lasting(held: npt.NDArray[np.bool_], late: int) -> npt.NDArray[np.bool_]:
@@ -123,7 +134,9 @@ def _level(error: float, least: float) -> Level:
 
 def _share(error: float, made: Made) -> str:
     span = float(np.ptp(made.desired))
-    return f"{error:.3g} um" + (f", {100 * error / span:.2g} % of the motion's peak-to-peak" if span else "")
+    return f"{figures(error)} um" + (
+        f", {figures(100 * error / span, 2)} % of the motion's peak-to-peak" if span else ""
+    )
 
 
 def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> Iterator[Finding]:
@@ -131,12 +144,11 @@ def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> 
     worst = max((span.worst for span in held.out_of_reach), default=0.0)
     if worst > least:
         whose = ", those of the model's record" if (low, high) == model.voltage_range else ""
-        asked, reached = (f"{z.min():.4g} to {z.max():.4g} um" for z in (made.desired, made.predicted))
         yield (
             _level(worst, least),
-            f"The motion is out of reach of {low:.4g} to {high:.4g} V{whose}: off by up to {_share(worst, made)}. It "
-            f"asks for {asked}, and {reached} are predicted. Move it, make it smaller, or give other `voltage_limits`, "
-            "which actuator and amplifier have to stand.",
+            f"The motion is out of reach of {low:.4g} to {high:.4g} V{whose}: off by up to {_share(worst, made)}. "
+            f"{_asked(made, held, least)} Move it, make it smaller, or give other `voltage_limits`, which actuator and "
+            "amplifier have to stand.",
         )
     worst = max((span.worst for span in held.too_fast), default=0.0)
     share = sum(span.stop - span.start for span in held.too_fast) * made.sample_rate / made.volts.size
@@ -146,6 +158,18 @@ def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> 
             f"The slew limit holds the motion back in {100 * share:.2g} % of the time, by up to {_share(worst, made)}: "
             "make it slower, or raise the limit.",
         )
+
+
+def _asked(made: Made, held: Held, least: float) -> str:
+    """What it asks for, and what is predicted: as ranges, or where it is worst if the range is reached elsewhere."""
+    asked, reached = made.desired, made.predicted
+    if max(reached.min() - asked.min(), asked.max() - reached.max()) > least / 2:
+        ranges = (f"{z.min():.4g} to {z.max():.4g} um" for z in (asked, reached))
+        return "It asks for {}, and {} are predicted.".format(*ranges)
+    worst = max(held.out_of_reach, key=lambda span: span.worst)
+    first, end = (round(t * made.sample_rate) for t in (worst.start, worst.stop))
+    k = first + int(np.argmax(np.abs(reached - asked)[first:end]))
+    return f"At {k / made.sample_rate:.4g} s it asks for {asked[k]:.4g} um, and {reached[k]:.4g} um are predicted."
 
 
 def _of_error(made: Made, least: float) -> Iterator[Finding]:
@@ -162,8 +186,8 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
         yield (
             _level(error, least),
             f"The voltage is beyond that of the model's record, {low:.4g} to {high:.4g} V, by up to "
-            f"{100 * outside:.2g} % of its range: no record shows what the actuator does there. Record that range, and "
-            "identify anew.",
+            f"{figures(100 * outside, 2)} % of its range: no record shows what the actuator does there. Record that "
+            "range, and identify anew.",
         )
     faster = max((span.worst for span in beyond.velocity), default=0.0)
     times = 1 + faster / model.velocity if model.velocity and faster else 0.0
@@ -171,16 +195,17 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
     if times and (hidden > least or times > FASTER):
         yield (
             _level(hidden, least),
-            f"The motion is {times:.2g} times as fast as the model's record: an error that grows with the speed, such "
-            f"as that of a lag, may be {_share(hidden, made)}, and the record would not show it. Record motion that is "
-            "as fast, and identify anew.",
+            f"The motion is {figures(times, 2)} times as fast as the model's record: an error that grows with the "
+            f"speed, such as that of a lag, may be {_share(hidden, made)}, and the record would not show it. Record "
+            "motion that is as fast, and identify anew.",
         )
     above = max((span.worst for span in beyond.frequency), default=0.0)
     if above > least:
         yield (
             "doubtful",
-            f"Turns or steps have motion of up to {_share(above, made)}, above {beyond.tested_frequency:.3g} Hz, where "
-            "the record tests no response: a stage may ring there. Record such a motion, or make its turns longer.",
+            f"Turns or steps have motion of up to {_share(above, made)}, above {figures(beyond.tested_frequency)} Hz, "
+            "where the record tests no response: a stage may ring there. Record such a motion, or make its turns "
+            "longer.",
         )
 
 
@@ -190,10 +215,11 @@ def error_of(model: "ActuatorModel") -> float | None:
 
 
 def _of_model(model: "ActuatorModel", made: Made, least: float) -> Iterator[Finding]:
-    level = model.provenance.get("verdict")
-    if level in ("bad", "doubtful"):
-        why = model.provenance.get("reason_1", "")
-        yield ("bad" if level == "bad" else "doubtful"), f"The verdict of the model is {level}: {why}".rstrip(": ")
+    if (verdict := model.verdict).level != "good":
+        yield (
+            verdict.level,
+            f"The verdict of the model is {verdict.level}: {' '.join(verdict.reasons[:1])}".rstrip(": "),
+        )
     error = error_of(model) or model.noise
     if error > least:
         yield (

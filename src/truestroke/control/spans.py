@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 
 MERGED = 0.002  # s: spans nearer than this are one
@@ -51,7 +52,9 @@ class Beyond:
     @property
     def warnings(self) -> tuple[str, ...]:
         """In words, where there are any."""
-        turns = f"turns or steps with motion above {self.tested_frequency:.3g} Hz, where the record tests no response"
+        turns = (
+            f"turns or steps with motion above {figures(self.tested_frequency)} Hz, where the record tests no response"
+        )
         found = [
             in_words("outside of the voltages of the record", self.voltage, "by at most", "V"),
             in_words("faster than the record", self.velocity, "by at most", "um/s"),
@@ -92,7 +95,7 @@ def in_words(what: str, found: Sequence[Span], how_far: str, unit: str) -> str:
         return ""
     first, worst = found[0], max(found, key=lambda span: span.worst)
     place = f"{worst.start:.3f} to {worst.stop:.3f} s"
-    amount = f"{how_far} {worst.worst:.3g} {unit}"
+    amount = f"{how_far} {figures(worst.worst)} {unit}"
     if len(found) == 1:
         return f"{what}, once, {place}, {amount}"
     total = sum(span.stop - span.start for span in found)

@@ -360,14 +360,14 @@ def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
     """
     *wider, narrowest = INVERTED
     for bounds in wider:
-        found = _inverted(dynamics, position, bounds)
+        found = strain_within(dynamics, position, bounds)
         if np.ptp(found) <= AMPLE * np.ptp(position):
             return found
-    return _inverted(dynamics, position, narrowest)
+    return strain_within(dynamics, position, narrowest)
 
 
-def _inverted(dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float]) -> FloatArray:
-    """`strain` with these bounds, first resonances."""
+def strain_within(dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float]) -> FloatArray:
+    """`strain` with these bounds, in first resonances."""
     rate = dynamics.sample_rate
     quiet = round(QUIET * rate)
     size = 2 ** math.ceil(math.log2(position.size + 2 * quiet))

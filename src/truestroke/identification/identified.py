@@ -243,6 +243,5 @@ def _documented(fit: Fit, held_out: HeldOut, s: Series, verdict: Verdict) -> Act
 
     metrics = {f"held_out_{name}": float(value) for name, value in dataclasses.asdict(held_out).items()}
     metrics |= {"record_samples": float(s.volts.size), "record_sample_rate_hz": s.sample_rate}
-    provenance = {"source": s.source, "made_by": f"truestroke {version('truestroke')}", "verdict": verdict.level}
-    provenance |= {f"reason_{number}": reason for number, reason in enumerate(verdict.reasons, 1)}
+    provenance = {"source": s.source, "made_by": f"truestroke {version('truestroke')}", **verdict.entries}
     return fit.model.replace(voltage_noise=s.voltage_noise, metrics=metrics, provenance=provenance)

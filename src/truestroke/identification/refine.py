@@ -109,7 +109,7 @@ class Refined(Sampled):
         before, _ = self.passes[self.best]
         predicted = self.model.forward(before, rate)
         here, there = (
-            self.model._inverted(y, rate, voltage_limits=limits, slew_limit=slew_limit)
+            self.model.invert(y, rate, voltage_limits=limits, slew_limit=slew_limit, warn=False)
             for y in (predicted, predicted + self.correction)
         )
         volts = _slewed(np.clip(before + there - here, *limits), slew_limit / rate)

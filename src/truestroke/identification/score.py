@@ -10,6 +10,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control import actuator, interval
@@ -172,8 +173,9 @@ def _scaled(predicted: FloatArray, measured: FloatArray, rmse: float) -> str:
     if gain <= 0 or left > share * rmse or abs(math.log(gain)) < differs:
         return ""
     return (
-        f"The displacement moves {gain:.3g} times as far as predicted, and {left:.3g} um of the error remain beside "
-        "that: is a unit or a scale wrong (`displacement_scale`, `volts_scale`), or is it another actuator or load?"
+        f"The displacement moves {figures(gain)} times as far as predicted, and {left:.3g} um of the error remain "
+        "beside that: is a unit or a scale wrong (`displacement_scale`, `volts_scale`), or is it another "
+        "actuator or load?"
     )
 
 
@@ -183,7 +185,7 @@ def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, sca
     The last as `identify` has it: a model whose error on its own record is large is as little known on another one.
     """
     said: list[tuple[Level, str]] = []
-    if model.provenance.get("verdict") == "bad":
+    if model.verdict.is_bad:
         said.append(("doubtful", "The verdict of the model on its own record is bad: see its page."))
     if abs(found["offset_um"]) > 3 * model.noise:
         where = "above" if found["offset_um"] > 0 else "below"

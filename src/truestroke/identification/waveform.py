@@ -16,10 +16,13 @@ from truestroke.control import actuator, reach
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.settings import UNLIMITED
 from truestroke.control.spans import Beyond, Span
+from truestroke.model.sampled import REST
 from truestroke.signals import metrics
 from truestroke.signals.channels import Sampled
 
 GOOD = Verdict("good")
+SAID = "# "  # begins a line behind the rows of a waveform: no number, and nothing to who knows comments
+TAIL = 1 << 16  # bytes at the end of a file that hold all reasons
 
 Passes = tuple[tuple[FloatArray, FloatArray], ...]
 
@@ -38,12 +41,16 @@ class Waveform(Sampled):
         Displacement as the sensor reads it, um.
     passes : tuple of (ndarray, ndarray), each of shape (samples,)
         Voltage, V, and measurement, um, of the passes of this motion before it; `refine` learns from them.
+    verdict : Verdict
+        Whether it makes the motion, as far as its model or its passes show; docs/exit-codes.md has the thresholds. Good
+        is also one whose file says nothing against it.
     """
 
     sample_rate: float
     volts: FloatArray
     desired: FloatArray
     passes: Passes = ()
+    verdict: Verdict = GOOD
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -60,15 +67,12 @@ class PredictedWaveform(Waveform):
         The same of the slew limit.
     beyond : Beyond
         Spans in which the prediction is beyond the record of the model.
-    verdict : Verdict
-        Whether it makes the motion, as far as the model knows; docs/exit-codes.md has the thresholds.
     """
 
     predicted: FloatArray
     out_of_reach: tuple[Span, ...]
     too_fast: tuple[Span, ...]
     beyond: Beyond
-    verdict: Verdict = GOOD
 
     @property
     def rmse(self) -> float:
@@ -95,6 +99,7 @@ def waveform(
     voltage_limits: tuple[float, float] | None = None,
     slew_limit: float = UNLIMITED,
     offset: float = 0.0,
+    rest: float = REST,
 ) -> PredictedWaveform:
     """The voltage that makes a displacement, and where it does not.
 
@@ -107,6 +112,9 @@ def waveform(
     offset : float
         By how much the sensor's zero is above that of the record of the model, um: `score` estimates it from a
         recording of this day.
+    rest : float
+        Time under the first voltage before the waveform, s, from rest at 0 V: creep that is slower goes on. By default
+        that of `playback`; infinity is a rest in which creep has ended.
 
     Raises
     ------
@@ -132,9 +140,9 @@ def waveform(
     if desired.size < 2:
         raise SettingError("displacement", f"array of {desired.size} samples", "at least two samples", "um")
     limits = model.voltage_range if voltage_limits is None else voltage_limits
-    options = {"velocity": velocity, "voltage_limits": limits, "slew_limit": slew_limit, "offset": offset}
-    volts = model._inverted(desired, sample_rate, **options)  # type: ignore[arg-type]
-    predicted = model.forward(volts, sample_rate, offset=offset)
+    asked: dict[str, Any] = {"voltage_limits": limits, "slew_limit": slew_limit, "offset": offset, "rest": rest}
+    volts = model.invert(desired, sample_rate, velocity=velocity, warn=False, **asked)
+    predicted = model.forward(volts, sample_rate, offset=offset, rest=rest)
     return described(model, volts, desired, predicted, float(sample_rate), limits, slew_limit)
 
 
@@ -174,6 +182,8 @@ def described(
 def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None:
     """Write time, voltage, desired displacement and the passes before to a CSV file, or to NPZ where the name ends so.
 
+    A verdict that is not good is written, too: in comments behind the last row, or as arrays.
+
     Raises
     ------
     SettingError
@@ -184,17 +194,20 @@ def save_waveform(path: str | os.PathLike[str], made: PredictedWaveform) -> None
     words = "a PredictedWaveform, as truestroke.waveform gives; the order is path, waveform"
     checks.instance("made", made, PredictedWaveform, words)
     kind = checks.path("path", path).suffix
+    said = {} if made.verdict.level == "good" else made.verdict.entries
     if kind == ".npz":
         with files.writing(path, files.WAVEFORM) as draft:
             signals: dict[str, Any] = {"volts": made.volts, "desired": made.desired, "predicted": made.predicted}
             for k, one in enumerate(made.passes, 1):
                 signals |= {name.split(" (")[0]: x for name, x in zip(_names(k), one, strict=True)}
-            np.savez(draft, time=made.time, **signals)
+            np.savez(draft, time=made.time, **signals | said)
     elif kind == ".csv":
         rows = np.column_stack([made.time, made.volts, made.desired, *(x for one in made.passes for x in one)])
         header = ",".join([files.WAVEFORM_HEADER, *(name for k in range(len(made.passes)) for name in _names(k + 1))])
+        footer = "\n".join(f"{SAID}{name} = {' '.join(words.split())}" for name, words in said.items())
+        text: dict[str, Any] = {"delimiter": ",", "header": header, "footer": footer, "comments": ""}
         with files.writing(path, files.WAVEFORM) as draft:
-            np.savetxt(draft, rows, fmt="%.12g", delimiter=",", header=header, comments="")
+            np.savetxt(draft, rows, fmt="%.12g", encoding="utf-8", **text)
     else:
         raise SettingError("path", os.fspath(path), "a name that ends in .csv or .npz")
 
@@ -212,8 +225,24 @@ def load_waveform(path: str | os.PathLike[str]) -> Waveform:
     file = checks.path("path", path)
     read = read_record(file, volts="volts", displacement="desired", time="time")
     return Waveform(
-        sample_rate=read.sample_rate, volts=read.volts, desired=read.displacement, passes=_passes(file, read.volts.size)
+        sample_rate=read.sample_rate,
+        volts=read.volts,
+        desired=read.displacement,
+        passes=_passes(file, read.volts.size),
+        verdict=verdict_of(file),
     )
+
+
+def verdict_of(path: Path) -> Verdict:
+    """That of the file of a waveform; good where it says nothing against it, as one of another program."""
+    if path.suffix == ".npz":
+        with np.load(path) as arrays:
+            return Verdict.named({name: str(arrays[name]) for name in arrays.files if arrays[name].dtype.kind == "U"})
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - TAIL))
+        lines = file.read().decode("utf-8", "replace").splitlines()
+    comments = (line.removeprefix(SAID).partition(" = ") for line in lines if line.startswith(SAID))
+    return Verdict.named({name: words.rstrip(",;\t ") for name, _, words in comments})  # of cells that are empty
 
 
 def _names(number: int) -> tuple[str, str]:

@@ -9,6 +9,7 @@ import numpy as np
 from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 
+REST = 0.5  # s under the first voltage, before a waveform is output
 VELOCITY_SPAN = 0.1e-3  # s: half of the span of a central difference, at least one sample
 
 
@@ -28,6 +29,19 @@ def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) ->
 
     before = np.concatenate([x[:1], x[:-1]])
     return [x[0] + lfilter([c], [1, c - 1], before - x[0]) for c in creep_shares(times, sample_rate)]
+
+
+def creep_to_come(first: float, times: tuple[float, ...], rest: float, since: FloatArray) -> FloatArray:
+    """What creep states lack at times since the start, s, behind a rest, s, under the first voltage, from 0 V; V.
+
+    Shape (k, samples). They follow the voltage from there on as after an endless rest, but for this.
+
+    Examples
+    --------
+    >>> creep_to_come(2.0, (1.0,), 1.0, np.array([0.0, 1.0])).round(3), creep_to_come(2.0, (1.0,), np.inf, np.zeros(1))
+    (array([[0.736, 0.271]]), array([[0.]]))
+    """
+    return np.asarray(first * np.exp(-(rest + since) / np.array(times)[:, np.newaxis]))
 
 
 def creep_shares(times: tuple[float, ...], sample_rate: float) -> list[float]:

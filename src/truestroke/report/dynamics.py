@@ -5,7 +5,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from truestroke.base.display import quantity
+from truestroke.base.display import figures, quantity
 from truestroke.base.typing import FloatArray
 from truestroke.control.feedback import Feedback, design
 from truestroke.identification.dynamics import Bode
@@ -78,7 +78,7 @@ def bank_of(found: Bode, voltage_limits: tuple[float, float]) -> Feedback:
 
 def _fed_back(bank: Feedback) -> list[str]:
     """The row of the feedback."""
-    bandwidth = f"{bank.bandwidth_hz:.3g} Hz" if bank.filters else "none"
+    bandwidth = f"{figures(bank.bandwidth_hz)} Hz" if bank.filters else "none"
     return ["feedback", bandwidth, bank.summary if bank.filters else " ".join(bank.reasons)]
 
 
@@ -109,7 +109,7 @@ def as_dict(found: Bode) -> dict[str, object]:
 def page(found: Bode, voltage_limits: tuple[float, float], slew: float, command: str | None = None) -> Page:
     """The page of a measurement; limits in V and V/s; `command` is what repeats it."""
     d, wave, bank = found.dynamics, found.record.excitation, bank_of(found, voltage_limits)
-    band = f"{wave.frequency[0]:.3g} to {wave.frequency[-1]:.4g} Hz"
+    band = f"{figures(wave.frequency[0])} to {figures(wave.frequency[-1], 4)} Hz"
     peak = quantity(float(f"{np.abs(wave.volts).max():.3g}"), "V")
     columns = ["", "found", ""]
     return Page(

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from truestroke.base.display import figures
 from truestroke.control import feedback
 from truestroke.control.feedback import GAINS, PEAK, Feedback
 from truestroke.model.dynamics import Dynamics
@@ -69,5 +70,5 @@ def _title(bank: Feedback) -> str:
     low, high = GAINS
     return (
         f"gain margin {bank.gain_margin:.2g}, phase margin {bank.phase_margin:.0f} deg, largest |S| "
-        f"{bank.sensitivity_peak:.2f} for gains of {low:g} to {high:g}, bandwidth {bank.bandwidth_hz:.3g} Hz"
+        f"{bank.sensitivity_peak:.2f} for gains of {low:g} to {high:g}, bandwidth {figures(bank.bandwidth_hz)} Hz"
     )

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
@@ -217,7 +218,7 @@ def _slewed(run: _Run) -> Finding | None:
     if np.mean(up[run.half]) <= LIMITED:
         return None  # such as at the beginning, or after a change; the flags are counted in any case
     limit = _positive(settings(run.recording, "controller").get("slew_limit"))
-    of = f", {limit:.4g} V/s," if limit else ""
+    of = f", {figures(limit, 4)} V/s," if limit else ""
     return "doubtful", (
         f"The command met the slew limit{of} in {np.count_nonzero(up)} ticks, {_percent(float(np.mean(up)))}: raise "
         "it, or make the motion slower."

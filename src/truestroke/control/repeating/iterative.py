@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.display import Displayed, Rows, figures, quantity
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
@@ -252,10 +252,10 @@ class IterativeLearning(Displayed):
         else:
             checks.instance("model", model, ActuatorModel, "an ActuatorModel, such as of truestroke.load_model(path)")
             periods = 1 + math.ceil(0.1 * self.sample_rate / self.samples)
-            volts = model._inverted(np.tile(self.desired, periods), self.sample_rate)[-self.samples :]
+            volts = model.invert(np.tile(self.desired, periods), self.sample_rate, warn=False)[-self.samples :]
         fastest = float(np.abs(np.diff(volts, append=volts[:1])).max()) * self.sample_rate
         if fastest > self.slew_limit:
-            bound = f"at least {fastest:.4g} V/s, which the motion needs: raise it, or move slower or less"
+            bound = f"at least {figures(fastest, 4)} V/s, which the motion needs: raise it, or move slower or less"
             raise SettingError("slew_limit", self.slew_limit, bound, "V/s")
         return self._within(volts)
 
@@ -469,7 +469,9 @@ class Learned(Displayed):
             findings.append(("bad", "No pass was better than the first one: measure the dynamics again."))
         elif not at_the_noise(best, NEAR) and best.rmse > FINE * np.ptp(self.learning.desired):
             text = (
-                f"The error is {best.rmse / best.noise:.3g} times the noise of a pass" if best.noise else "It is not 0"
+                f"The error is {figures(best.rmse / best.noise)} times the noise of a pass"
+                if best.noise
+                else "It is not 0"
             )
             if best.limited <= LIMITED:  # else its own reason says why passes do not help
                 lower = best.expected < SLOW * best.rmse

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.checks import SettingError
-from truestroke.base.display import Displayed, Rows, quantity
+from truestroke.base.display import Displayed, Rows, figures, quantity
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
@@ -189,7 +189,7 @@ def _peak(spectra: Spectra, local: LocalResponse) -> float:
     if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
         level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
         raise DynamicsError(
-            f"the displacement hardly follows the excitation: coherence {level:.2f} from {f[0]:.3g} Hz on; raise "
+            f"the displacement hardly follows the excitation: coherence {level:.2f} from {figures(f[0])} Hz on; raise "
             "`amplitude` or `duration`, or look at cables and channels"
         )
     magnitude = np.where(seen, smoothed(np.abs(local.response), 1), 0.0)
@@ -244,9 +244,9 @@ def _best(made: list[Fit], modes: int | None, used: Spectra) -> Fit:
 def _no_resonance(used: Spectra) -> NoResonanceError:
     rate, (low, high) = used.sample_rate, used.frequency[[0, -1]]
     return NoResonanceError(
-        f"no resonance from {low:.3g} to {high:.4g} Hz, where the response was seen: if there is one above, raise the "
-        f"sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the controller without "
-        "dynamics",
+        f"no resonance from {figures(low)} to {figures(high, 4)} Hz, where the response was seen: if there is one "
+        f"above, raise the sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the "
+        "controller without dynamics",
         spring_to(used.frequency, _averaged(used)),
     )
 
@@ -380,14 +380,14 @@ def _findings(
     trusted = float(f[end - 1]) if end else 0.0
     findings: list[tuple[Level, str]] = []
     if trusted < 0.5 * first:
-        reason = f"The model may be trusted to {trusted:.3g} Hz only, the first resonance is at {first:.4g} Hz"
+        reason = f"The model may be trusted to {figures(trusted)} Hz only, the first resonance is at {first:.4g} Hz"
         findings.append(("bad", f"{reason}: raise `amplitude` or `duration`."))
     elif trusted < first:
-        findings.append(("doubtful", f"The model may be trusted to {trusted:.3g} Hz, below the first resonance."))
+        findings.append(("doubtful", f"The model may be trusted to {figures(trusted)} Hz, below the first resonance."))
     around = misfit & (f < 1.3 * first)
     if around.any():
         most = float(residual[around].max())
-        where = f"{f[around].min():.3g} to {f[around].max():.3g} Hz"
+        where = f"{figures(f[around].min())} to {figures(f[around].max())} Hz"
         level: Level = "bad" if most > WRONG else "doubtful"
         words = (
             f"From {where} model and measurement differ by up to {100 * most:.2g} %: the stage has another mode there"

@@ -10,6 +10,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.dynamics.bode import Bode, DynamicsError, SmallMotion, identify_dynamics
 from truestroke.identification.dynamics.excitation import SPARE, Multisine, fastest, multisine
@@ -199,7 +200,9 @@ def _refuse_before(
     fading = 2 * math.pi * min(spare, FADING * (high - low)) * FADING_CYCLES / 0.5
     slowest = (4 * max(abs(low), abs(high), high - low) + fading) / LONGEST
     if slew < slowest:
-        raise SettingError("slew_limit", slew, f"at least {slowest:.3g} V/s, else it takes over {LONGEST:g} s", "V/s")
+        raise SettingError(
+            "slew_limit", slew, f"at least {figures(slowest)} V/s, else it takes over {LONGEST:g} s", "V/s"
+        )
     Dynamics(
         sample_rate=timing.sample_rate, modes=(Mode(frequency=0.1 * timing.sample_rate, damping=0.1),),
         sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth,
@@ -221,7 +224,9 @@ def _within_slew(waves: list[Multisine], rate: float, slew: float, amplitude: fl
             return wave
     if amplitude is not None:
         most = amplitude * SPARE * slew / needed
-        bound = f"up to {most:.3g} V: {needed:.4g} V/s are needed, slew_limit is {slew:g} V/s; or a lower `band`"
+        bound = (
+            f"up to {most:.3g} V: {figures(needed, 4)} V/s are needed, slew_limit is {slew:g} V/s; or a lower `band`"
+        )
         raise SettingError("amplitude", amplitude, bound, "V")
     return Multisine(wave.volts * (SPARE * slew / needed), wave.lines, wave.frequency)
 

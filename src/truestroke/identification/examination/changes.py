@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.records import turning
@@ -184,8 +185,8 @@ def _of_clocks(record: Record, fitted: _Fitted) -> Iterator[str]:
         rate = 1e6 * abs(drift) / fitted.volts.size
         way = "later" if drift > 0 else "earlier"
         yield (
-            f"the displacement gets {way} and {way}, by {abs(drift) * fitted.every:.3g} rows in the whole record "
-            f"({rate:.2g} millionths): do the channels have clocks of their own? Record both by one clock"
+            f"the displacement gets {way} and {way}, by {figures(abs(drift) * fitted.every)} rows in the whole record "
+            f"({figures(rate, 2)} millionths): do the channels have clocks of their own? Record both by one clock"
         )
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings, count
@@ -50,6 +51,7 @@ def examine(record: Record) -> Findings:
     delay, lag = _delay(record, turns)
     speeds, lengths, durations = _strokes(record, turns, span)
     travel = float(np.abs(np.diff(x[turns])).sum())
+    visited, mostly = _visited(x)
     findings = Findings(
         source=record.source,
         rows=x.size,
@@ -77,7 +79,8 @@ def examine(record: Record) -> Findings:
         stroke_durations_s=durations,
         stroke_places=_places(x[turns]),
         seldom_way_percent=_seldom_way(x[turns], np.diff(turns)),
-        volts_visited_percent=_visited(x),
+        volts_visited_percent=visited,
+        volts_mostly_v=mostly,
         states_known_s=_states_known(record),
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
@@ -221,10 +224,15 @@ def _seldom_way(turns: FloatArray, rows: Rows) -> float:
     return float(100 * min(up, rows.sum() - up) / rows.sum())
 
 
-def _visited(x: FloatArray) -> float:
-    """Share of `PARTS` of the span with more than `SELDOM` of the rows of an even motion, %."""
-    rows = np.histogram(x, PARTS)[0]
-    return float(100 * np.mean(rows > SELDOM * x.size / PARTS))
+def _visited(x: FloatArray) -> tuple[float, tuple[float, float] | None]:
+    """Share of `PARTS` of the span with more than `SELDOM` of the rows of an even motion, %; where these are, V.
+
+    The second where they lie side by side.
+    """
+    rows, edges = np.histogram(x, PARTS)
+    places = np.flatnonzero(rows > SELDOM * x.size / PARTS)
+    whole = float(edges[places[0]]), float(edges[places[-1] + 1])
+    return 100 * places.size / PARTS, whole if places[-1] - places[0] + 1 == places.size else None
 
 
 def _weighted(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
@@ -300,7 +308,9 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         stamps = record.unused or "there are no time stamps"
         says.append(f"{stamps}: jitter and gaps cannot be measured, the given sample rate is used")
     elif (error := 1e-6 * found.jitter_us * found.rates_um_s[1]) > max(found.noise_um, 1e-3 * found.stroke_um):
-        says.append(f"jitter of the time stamps makes errors of about {error:.2g} um at {found.rates_um_s[1]:.3g} um/s")
+        says.append(
+            f"jitter of the time stamps makes errors of about {error:.2g} um at {figures(found.rates_um_s[1])} um/s"
+        )
     per_stroke = record.time.size / found.strokes
     if per_stroke < 10:
         says.append(f"a stroke has only {per_stroke:.1f} samples on average: turning points are missed")
@@ -321,7 +331,7 @@ def _of_content(found: Findings) -> list[str]:
     else:
         slow, fast = found.stroke_speeds_um_s
         if fast < 2 * slow:
-            same = f"all strokes have about the same speed ({fast:.3g} um/s)"
+            same = f"all strokes have about the same speed ({figures(fast)} um/s)"
             says.append(f"{same}: the record is not informative about rate dependence")
         elif found.stroke_durations_s[1] < PACE * found.stroke_durations_s[0]:
             same = f"all strokes take about as long ({found.stroke_durations_s[1]:.3g} s)"
@@ -332,7 +342,11 @@ def _of_content(found: Findings) -> list[str]:
         elif found.stroke_places is not None and found.stroke_places < ALONG:
             says.append("strokes of one length are at one voltage: inner loops elsewhere are not tested")
         if found.volts_visited_percent < VISITED:
-            says.append("the voltage is at few levels: the curve between them is not tested")
+            says.append(
+                f"{found.narrow}: the curve beside that is hardly tested"
+                if found.narrow
+                else "the voltage is at few levels: the curve between them is not tested"
+            )
     delay, lag = found.delay_ms, found.lag_ms  # delay and hysteresis both make the lag
     if delay is not None and lag is not None and delay > lag + 2e3 / found.sample_rate_hz:
         both = f"{delay:.3g} ms, most motion by {max(lag, 0.0):.3g} ms"

@@ -4,6 +4,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+from truestroke.base.display import figures
+
 ALONG = 0.28  # of `Findings.stroke_places`: below, inner loops are of one family; random waves have 0.3 to 1.1
 PACE = 1.3  # of `Findings.stroke_durations_s`, the longest over the shortest: below, speed is that of the length
 VISITED = 50.0  # of `Findings.volts_visited_percent`: below, the voltage is at few levels; other motion has 70 to 100
@@ -67,6 +69,8 @@ class Findings:
     volts_visited_percent : float
         Share of twentieths of the voltage span in which more than a tenth as many rows are as of an even motion, %: 100
         for a triangle or a sine, 15 for steps between three levels.
+    volts_mostly_v : tuple[float, float] or None
+        Where these twentieths are, V, if they lie side by side: the voltage went further on single ways only.
     states_known_s : float
         Time at which the voltage has been at both its ends; before, the states of the widest plays are not known.
     clipped_displacement, clipped_volts : int
@@ -108,6 +112,7 @@ class Findings:
     stroke_places: float | None
     seldom_way_percent: float
     volts_visited_percent: float
+    volts_mostly_v: tuple[float, float] | None
     states_known_s: float
     clipped_displacement: int
     clipped_volts: int
@@ -115,6 +120,14 @@ class Findings:
     warnings: tuple[str, ...] = ()
     mistakes: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
+
+    @property
+    def narrow(self) -> str:
+        """In words, that most of the motion is in a part of the voltage's span; empty where it is not."""
+        if self.volts_mostly_v is None or self.volts_visited_percent >= VISITED:
+            return ""
+        (low, high), share = self.volts_mostly_v, self.volts_visited_percent
+        return f"most of the motion is at {low:.4g} to {high:.4g} V, {share:.0f} % of the voltage's span"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists and dicts, the types of JSON."""
@@ -124,7 +137,7 @@ class Findings:
         """What was moved, how far, how fast: in words in which a reader sees a wrong unit or clock."""
         volts = self.voltage_v[1] - self.voltage_v[0]
         strokes = f"{count(self.strokes, 'stroke')} in {self.duration_s:.4g} s"
-        fast = f"99 % of the time below {self.rates_um_s[2]:.3g} um/s"
+        fast = f"99 % of the time below {figures(self.rates_um_s[2])} um/s"
         return f"{strokes}, up to {self.stroke_um:.4g} um for {volts:.4g} V, {fast}, at {self.sample_rate_hz:.6g} Hz"
 
     def table(self) -> list[tuple[str, str]]:
@@ -148,8 +161,8 @@ class Findings:
             ("loop width", f"{self.loop_width_percent:.1f} % of stroke{without}"),
             ("delay", delay + ("" if self.lag_ms is None else f" (lag of the rates: {self.lag_ms:.3g} ms)")),
             ("noise", length(1e-6 * self.noise_um, "m")),
-            ("rates", "{:.3g}, {:.3g}, {:.3g} um/s (median, 90 %, 99 %)".format(*self.rates_um_s)),
-            ("strokes", f"{self.strokes}, at {slow:.3g} to {fast:.3g} um/s"),
+            ("rates", f"{', '.join(map(figures, self.rates_um_s))} um/s (median, 90 %, 99 %)"),
+            ("strokes", f"{self.strokes}, at {figures(slow)} to {figures(fast)} um/s"),
             ("states known", f"after {self.states_known_s:.3g} s"),
             ("clipped", clipped if self.clipped_displacement or self.clipped_volts else "none"),
         ]

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.changes import jumped
 from truestroke.identification.examination.faults import faults
@@ -92,12 +93,13 @@ def _of_size(record: Record, found: Findings) -> Iterator[str]:
     volts, stroke, gain = float(np.ptp(record.volts)), found.stroke_um, abs(found.gain_um_per_v)
     moved = record.columns["displacement"]
     smallest = NANOMETRES if moved.stated and moved.unit == "nm" else STROKE[0]
+    spans = f"the voltage spans {figures(volts, 4)} V for {figures(stroke)} um"
     if volts > VOLTS[1] or (volts > HIGH_VOLTS and gain < HIGH_GAIN):
-        yield f"the voltage spans {volts:.4g} V for {stroke:.3g} um: is its unit right? If it is mV, say `volts_unit`"
+        yield f"{spans}: is its unit right? If it is mV, say `volts_unit`"
     elif volts < VOLTS[0]:
-        yield f"the voltage spans {volts:.3g} V for {stroke:.3g} um: is its unit right? If it is V, say `volts_unit`"
+        yield f"{spans}: is its unit right? If it is V, say `volts_unit`"
     elif not smallest <= stroke <= STROKE[1] or gain > GAIN:
-        spans = f"the displacement spans {stroke:.3g} um, {gain:.3g} um/V"
+        spans = f"the displacement spans {figures(stroke)} um, {figures(gain)} um/V"
         yield f"{spans}: is its unit right? `displacement_unit` or `displacement_scale` says it"
     else:
         yield from _of_clock(record, found)
@@ -245,7 +247,7 @@ def _in_steps(x: FloatArray) -> bool:
 
 
 def _by(found: Findings, rows: float) -> str:
-    return f"by {rows:.3g} rows, {1e3 * rows / found.sample_rate_hz:.3g} ms"
+    return f"by {figures(rows)} rows, {1e3 * rows / found.sample_rate_hz:.3g} ms"
 
 
 def _late(record: Record, found: Findings, turns: turning.Rows) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
@@ -49,6 +50,9 @@ FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its 
 CUT = 0.01  # of the rows
 ONE_WAY = 5.0  # % of the rows: few of one direction; a flyback takes 10, a triangle 50
 BY_CHANCE = 0.01  # of the deviation that noise alone makes of a mean: nearer to 0 no measured one is
+COARSE, NEXT = 0.004, 0.9  # of the span: a step of the voltage; and share of its changes that are of one step
+HELD, FEWEST_STEPS = 4, 20  # rows between two changes of one direction; and so many of these
+EVENLY, ALONG_STEP = 0.35, 0.5  # of the way between two changes, in its second half; and that way over a step's
 NO_MEAN = 1e-6  # of its span: the mean of a voltage of which it was taken off
 
 
@@ -73,6 +77,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
         *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
+        *_of_steps(record, found),
         *_of_slew(record, found),
         *_of_ringing(record, found),
         *rewritten(record, found),
@@ -97,7 +102,7 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
     late, row = 1e-3 * delay, 1 / found.sample_rate_hz
     stamps = f"the time stamps ({time.heading!r} in {time.unit})" if time else "the given sample rate"
     if time is not None and time.unit != "s" and abs(late) + SHOWN * row < SOON:
-        turns = f"within {1e6 * (abs(late) + SHOWN * row):.2g} us of the voltage, before most amplifiers do"
+        turns = f"within {figures(1e6 * (abs(late) + SHOWN * row), 2)} us of the voltage, before most amplifiers do"
         yield f"the displacement turns {turns}: are {stamps} in s? State the sample rate (`sample_rate`)"
     elif late > max(TARDY, SHOWN * row):
         turns = f"{late:.2g} s later than the voltage, as hardly any does"
@@ -130,8 +135,8 @@ def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
     rows = record.time.size / found.strokes
     if found.strokes >= 4 and rows < ALIASED:
         yield (
-            f"a stroke has {rows:.2g} rows on average: is the motion faster than the samples show it (aliasing)? "
-            "Sample ten times in a stroke, or move more slowly"
+            f"a stroke has {figures(rows, 2)} rows on average: is the motion faster than the samples show it "
+            "(aliasing)? Sample ten times in a stroke, or move more slowly"
         )
     if found.strokes >= 4 and found.seldom_way_percent < ONE_WAY:
         yield (
@@ -205,12 +210,12 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         )
     elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
         others = "nm or mm" if stroke < SMALL else "nm or counts"
-        yield f"the stroke is {stroke:.3g} um: is it in {others}? State its unit (`displacement_unit`)"
+        yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit (`displacement_unit`)"
     elif not moved.asked and not WEAK <= gain <= STRONG:
         what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
-        yield f"{stroke:.3g} um for {span:.3g} V is {what}: is its unit right? State it (`displacement_unit`)"
+        yield f"{figures(stroke)} um for {figures(span)} V is {what}: is its unit right? State it (`displacement_unit`)"
     elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
-        yield f"{1e3 * span:.3g} mV move {stroke:.3g} um: is the voltage in V? State its unit (`volts_unit`)"
+        yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: is the voltage in V? State its unit (`volts_unit`)"
 
 
 def _of_converter(values: FloatArray) -> float:
@@ -285,6 +290,29 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
             )
 
 
+def _of_steps(record: Record, found: Findings) -> Iterator[str]:
+    """A voltage in steps between which the displacement goes on: it was recorded with few digits or bits.
+
+    The steps of a D/A converter move the actuator behind each of them, and no more before the next one.
+    """
+    x, z, span = record.volts, record.displacement, float(np.ptp(record.volts))
+    at = np.flatnonzero(np.diff(x)) + 1
+    jumps = np.diff(x)[at - 1]
+    step = float(np.abs(jumps).min())
+    if step < COARSE * span or np.mean(np.abs(jumps) < 1.5 * step) < NEXT:
+        return
+    held, onward = np.diff(at), jumps[1:] * jumps[:-1] > 0
+    start, rows, sign = (values[onward & (held >= HELD)] for values in (at[:-1], held, np.sign(jumps[1:])))
+    if start.size < FEWEST_STEPS:
+        return
+    whole, second = (float(np.median(sign * (z[start + rows - 1] - z[start + k]))) for k in (0, rows // 2))
+    if whole > ALONG_STEP * abs(found.gain_um_per_v) * step and second > EVENLY * whole:
+        yield (
+            f"the voltage goes by steps of {step:.3g} V, {100 * step / span:.2g} % of its span, between which the "
+            "displacement goes on evenly: was it recorded with few digits or bits? Record it finer"
+        )
+
+
 def level(signal: FloatArray, other: FloatArray, quiet: float, rough: float = 0.0) -> tuple[int, float]:
     """Rows at the ends of a signal while another one moves on and comes back, and by how much at most.
 
@@ -323,9 +351,9 @@ def _of_slew(record: Record, found: Findings) -> Iterator[str]:
     behind = slew.best(record.volts[rows], record.displacement[rows], record.sample_rate, found.strokes)
     if behind is not None and behind.ratio < EXPLAINED_BY_SLEW:
         yield (
-            f"behind a voltage of at most {behind.rate:.2g} V/s, which is slower than the record's in "
-            f"{100 * behind.share:.2g} % of its fastest rows, the displacement is {1 / behind.ratio:.2g} times better "
-            f"explained: {where} {remedy}"
+            f"behind a voltage of at most {figures(behind.rate, 2)} V/s, which is slower than the record's in "
+            f"{100 * behind.share:.2g} % of its fastest rows, the displacement is {figures(1 / behind.ratio, 2)} times "
+            f"better explained: {where} {remedy}"
         )
 
 

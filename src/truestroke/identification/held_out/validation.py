@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings
@@ -304,7 +305,7 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
 
 def sizes(rmse_um: float, rmse_percent: float, over_noise: float, noise_um: float) -> tuple[str, str]:
     """An error in words: its size, and what it is of the noise of the sensor."""
-    error = f"{rmse_um:.3g} um rms, {rmse_percent:.2g} % of peak-to-peak"
+    error = f"{figures(rmse_um)} um rms, {figures(rmse_percent, 2)} % of peak-to-peak"
     if over_noise > SILENT:
         return error, "the sensor shows no noise"
     return error, f"{_times(over_noise)} the sensor's noise of {noise_um:.2g} um"
@@ -372,7 +373,7 @@ def _worse(found: Evidence, findings: Findings) -> str:
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.2g} times" if ratio < 100 else f"{ratio:.0f} times" if ratio < SILENT else "many times"
+    return f"{figures(ratio, 2)} times" if ratio < 100 else f"{ratio:.0f} times" if ratio < SILENT else "many times"
 
 
 def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:
@@ -408,8 +409,8 @@ def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, 
     if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
         yield (
             "doubtful",
-            f"{100 * found.line:.0f} % of the error is one line at {found.line_hz:.4g} Hz: hum, a floor that shakes, "
-            f"or a stage that rings. Record at rest: if it is there, shield the sensor, or average over "
+            f"{100 * found.line:.0f} % of the error is one line at {figures(found.line_hz, 4)} Hz: hum, a floor that "
+            f"shakes, or a stage that rings. Record at rest: if it is there, shield the sensor, or average over "
             f"{_seconds(1 / found.line_hz)}; if not, record for longer, so that the ringing ends within a tenth of it.",
         )
         return
@@ -469,7 +470,13 @@ def _of_excitation(findings: Findings, branches: bool) -> Iterator[tuple[Level, 
             f"All strokes take about as long ({_seconds(slow)}), so that long ones are fast: at other speeds the model "
             "is untested. Record strokes of several speeds, such as a random wave.",
         )
-    if findings.volts_visited_percent < VISITED:
+    if narrow := findings.narrow:
+        yield (
+            "doubtful",
+            f"{narrow[0].upper()}{narrow[1:]}: for motion beside that the model is hardly tested. Record a random wave "
+            "over all voltages that you use, or leave out the rows before and behind it.",
+        )
+    elif findings.volts_visited_percent < VISITED:
         yield (
             "doubtful",
             "The voltage is at few levels, and hardly in between: for other motion the model is untested. Record ways "

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.identification import ActuatorModel, Findings, Identified, Record, examine
 from truestroke.identification.fitting.select import Tried
 from truestroke.report import words
@@ -57,8 +58,8 @@ LINE = 0.8  # of the straight line's rmse: no gain worth a model
 def tested_range(model: ActuatorModel) -> str:
     """Voltages, speed and frequency up to which the record of a model tests it."""
     low, high = model.voltage_range
-    of = f" and {model.tested_frequency:.3g} Hz" if model.tested_frequency else ""
-    return f"{low:.4g} to {high:.4g} V, up to {model.velocity:.3g} um/s{of}"
+    of = f" and {figures(model.tested_frequency)} Hz" if model.tested_frequency else ""
+    return f"{low:.4g} to {high:.4g} V, up to {figures(model.velocity)} um/s{of}"
 
 
 def percent(value: float) -> str:
@@ -71,7 +72,7 @@ def percent(value: float) -> str:
     """
     if value < 0.005:
         return "below 0.01 %"
-    return f"{value:.2f} %" if value < 10 else f"{value:.3g} %"
+    return f"{value:.2f} %" if value < 10 else f"{figures(value)} %"
 
 
 def line_rmse(view: View) -> float:
@@ -118,7 +119,7 @@ def notes(view: View, record: Record) -> list[str]:
     block = round(record.sample_rate / view.model.metrics["record_sample_rate_hz"])
     if block > 1:
         rate = view.model.metrics["record_sample_rate_hz"]
-        says.append(f"means over {block} samples were used, at {rate:.4g} Hz: nothing faster is in the model")
+        says.append(f"means over {block} samples were used, at {figures(rate, 4)} Hz: nothing faster is in the model")
     if (plain := view.model.plain) is not None:
         residuals = f"the residual of its fit is {plain.noise:.4g} um rms instead of {view.model.noise:.4g}"
         says.append(f"a controller has no branches, it starts from the model of plays alone: {residuals}")
@@ -248,11 +249,11 @@ def _evidence(identified: Identified) -> Table:
     least = f"{found.least_autocorrelation:.2f} at {length_of_time(found.least_autocorrelation_s)}"
     most = f"{found.autocorrelation:.2f} at {length_of_time(found.autocorrelation_s)}"
     rows = [
-        ("held-out error over the noise of the sensor", f"{found.over_noise:.3g}"),
-        ("held-out error over that of the fitted part", f"{found.over_fitted:.3g}"),
+        ("held-out error over the noise of the sensor", figures(found.over_noise)),
+        ("held-out error over that of the fitted part", figures(found.over_fitted)),
         ("autocorrelation of the residual, largest and least", f"{most}, {least}"),
         ("of the held-out error follows " + ", ".join(name for name, _ in shares), ", ".join(v for _, v in shares)),
-        ("strongest line of the held-out error", f"{100 * found.line:.0f} % at {found.line_hz:.4g} Hz"),
+        ("strongest line of the held-out error", f"{100 * found.line:.0f} % at {figures(found.line_hz, 4)} Hz"),
         ("of the held-out error a black-box model predicts", f"{100 * max(found.black_box, 0.0):.0f} %"),
         (
             "jump of the residual of the fit",

@@ -11,6 +11,7 @@ from typing import Any
 
 from truestroke.base import files, toml
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.verdict import Verdict
 from truestroke.runtime.commissioning.procedure import Range, Small
 from truestroke.runtime.gains import COMMISSIONING
@@ -158,7 +159,7 @@ def small_rows(small: Small, stroke: float | None, limits: dict[str, Any]) -> li
     if (found := s.resonance).frequency is not None:
         resonance = [f"{found.frequency:.4g} ± {found.uncertainty:.1g} Hz", f"damping {found.damping:.2g}"]
     return [
-        ["noise", f"{s.rest.noise:.3g} um rms", f"of a tick; drift {s.rest.drift:.2g} um/s"],
+        ["noise", f"{s.rest.noise:.3g} um rms", f"of a tick; drift {figures(s.rest.drift, 2)} um/s"],
         ["zero", f"{s.rest.zero:.3f} um", f"at rest under {limits.get('safe_voltage', 0.0):g} V"],
         ["polarity", "right", "more voltage extends"],
         ["gain", f"{s.gain.gain:.3g} ± {s.gain.uncertainty:.1g} um/V", bounds],

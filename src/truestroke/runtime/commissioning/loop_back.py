@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.commissioning.procedure import LOST, AnswerError
 from truestroke.runtime.drivers.one_axis import OneAxis
@@ -59,12 +60,12 @@ class LoopBack:
 
     def rows(self) -> list[list[str]]:
         """Quantity, value, remark."""
-        lag = [f"{self.bandwidth:.4g} ± {self.bandwidth_uncertainty:.2g} Hz", "corner of a first-order lag"]
+        lag = [f"{self.bandwidth:.4g} ± {figures(self.bandwidth_uncertainty, 2)} Hz", "corner of a first-order lag"]
         none = ["none is seen", f"up to {self.sample_rate / 2:g} Hz"]
         ticks = f"{self.delay * self.sample_rate:.3f} ticks beyond the latency of the driver"
         return [
             ["gain", f"{self.gain:.4g} um/V", f"hysteresis {100 * self.hysteresis:.2g} %: a wire"],
-            ["delay", f"{1e6 * self.delay:.4g} ± {1e6 * self.delay_uncertainty:.2g} us", ticks],
+            ["delay", f"{1e6 * self.delay:.4g} ± {figures(1e6 * self.delay_uncertainty, 2)} us", ticks],
             ["bandwidth", *(lag if self.bandwidth else none)],
         ]
 

@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
+from truestroke.model.sampled import REST
 from truestroke.runtime.drivers.guard import Limits, check_range
 from truestroke.runtime.drivers.one_axis import ONE_OF, OneAxis
 from truestroke.runtime.drivers.paced import let_go
@@ -19,7 +21,6 @@ from truestroke.runtime.drivers.protocol import Driver
 
 __all__ = ["Player", "Recorded", "playback"]
 
-REST = 0.5  # s under the first voltage
 RAMP = 1.0  # s: how long a ramp over the whole of the voltage limits takes, at least
 
 
@@ -143,7 +144,7 @@ def playback(
     rate = checks.positive("sample_rate", sample_rate, "Hz")
     fastest = float(np.abs(np.diff(waves)).max()) * rate
     if fastest > limits.slew * (1 + 1e-9):
-        raise SettingError("volts", f"waveform of {fastest:.4g} V/s", f"no faster than slew, {slew:g} V/s")
+        raise SettingError("volts", f"waveform of {figures(fastest, 4)} V/s", f"no faster than slew, {slew:g} V/s")
     calls = ("open", "start", "exchange", "stop", "close")
     checks.able("driver", driver, calls, "a driver, such as drivers.SimulatedDriver; the order is driver, volts")
     before, after = _ways(limits, waves, rate, rest)

@@ -9,6 +9,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.model.dynamics import Mode
 from truestroke.signals.scans.scan import Scan
@@ -95,8 +96,8 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
     each = [f"harmonic {round(one / rate)} meets the resonance of {name}, {one:.4g} Hz" for name, one in met.items()]
     return (
         f"At {rate:.5g} {words} a second {', and '.join(each)}, which may be why: at {other:.10g} {words} a second, a "
-        f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {math.floor(away * other):.2g} Hz of a "
-        "resonance."
+        f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {figures(math.floor(away * other), 2)} "
+        "Hz of a resonance."
     )
 
 
@@ -130,8 +131,8 @@ some tenths from their places. Up to 18.8 rows a second leave it time.'
         return ""
     return (
         f"What rings in {name}, {mode.frequency:.4g} Hz with a damping of {mode.damping:.2g}, takes "
-        f"{1e3 * decay:.2g} ms to decay, {rate * decay:.2g} rows of {rate:.5g} a second: pixels may be some tenths "
-        f"from their places. Up to {RINGS / decay:.3g} rows a second leave it time."
+        f"{1e3 * decay:.2g} ms to decay, {figures(rate * decay, 2)} rows of {rate:.5g} a second: pixels may be some "
+        f"tenths from their places. Up to {figures(RINGS / decay)} rows a second leave it time."
     )
 
 
