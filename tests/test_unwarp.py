@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import ImageError, ScanRecord, SettingError, scans
 from truestroke.cli import main
-from truestroke.identification.unwarp import mirrored, read_scan_record, triggered
+from truestroke.identification.unwarp import by_direction, mirrored, read_scan_record, triggered
 from truestroke.plant import StagePlant, StageSettings
 
 FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
@@ -246,6 +246,32 @@ def test_what_is_missing_is_named(scan, volts, shown, model):
         truestroke.unwarp(shown, record, np.zeros(3))
 
 
+@pytest.mark.parametrize(
+    ("names", "channel", "trace"),
+    [
+        (["ZSensor Retrace", "ZSensor Trace"], None, 1),
+        (["Phase [Bwd]", "Phase [Fwd]", "Topography [Bwd]", "Topography [Fwd]"], "topography", 3),
+        (["Deflection", "Height_backward", "Height_forward"], "HEIGHT", 2),
+        (["first", "second"], None, 0),
+    ],
+)
+def test_images_of_a_microscope_are_trace_and_retrace_by_their_names(names, channel, trace):
+    images = [scans.Image(data=np.eye(2), size=(1.0, 1.0), name=name, unit="nm") for name in names]
+    made = by_direction(images, channel)
+    assert set(made) == {"trace", "retrace"}
+    assert made["trace"] is images[trace]
+
+
+def test_a_signal_that_is_not_one_of_the_file_is_named():
+    images = [scans.Image(data=np.eye(2), size=(1.0, 1.0), name=name, unit="nm") for name in ("a", "b", "c")]
+    with pytest.raises(ImageError, match=r"3 images must be .* by `channel` take .* of 'a', 'b', 'c'"):
+        by_direction(images)
+    with pytest.raises(ImageError, match="2 images must be"):
+        by_direction([dataclasses.replace(image, name=f"{image.name} forward") for image in images[:2]])
+    with pytest.raises(ImageError, match="0 images of the channel 'height' must be"):
+        by_direction(images, "height")
+
+
 # ---- The command ---------------------------------------------------------------------------------------------------
 
 
@@ -274,6 +300,18 @@ def test_the_command_writes_image_and_page(folder, tmp_path):
     trace, retrace = scans.read_images(tmp_path / "new.nxs")
     assert (trace.name, retrace.name) == ("height, trace", "height, retrace")
     assert "trace and retrace apart, after" in (tmp_path / "new.html").read_text()
+
+
+def test_the_command_takes_one_of_several_signals(folder, shown, tmp_path):
+    several = [*shown.values(), dataclasses.replace(shown["trace"], name="phase, trace")]
+    scans.save_images(tmp_path / "several.gwy", several)
+    files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gwy"]
+    common = [tmp_path / "several.gwy", "--model", DAY_BEFORE, *files]
+    code, text = run(*common)
+    assert code == 1
+    assert "'phase, trace'" in text
+    assert run(*common, "--channel", "Height")[0] == 0
+    assert [image.name for image in scans.read_images(tmp_path / "new.gwy")] == ["height, trace", "height, retrace"]
 
 
 def test_the_command_reads_a_trigger_and_names_one_that_is_missing(folder, tmp_path):

@@ -15,6 +15,7 @@ from truestroke.cli import common
 @click.command()
 @click.argument("image", type=common.FILE)
 @click.argument("retrace", type=common.FILE, required=False)
+@click.option("--channel", metavar="NAME", help="Part of the name of the signal, where an image file has several.")
 @click.option("--record", metavar="FILE", type=common.FILE, required=True, help="Voltages of the scan, from rest.")
 @click.option("--model", metavar="FILE", type=common.FILE, required=True, help="Of the fast axis, of truestroke "
               "identify.")  # fmt: skip
@@ -33,12 +34,13 @@ from truestroke.cli import common
 @common.page_options
 def unwarp(
     image: Path, retrace: Path | None, record: Path, model: Path, model_y: Path | None, lines: Path | None,
-    align: bool, output: str, plots: Path | None, as_json: bool, **columns: Any,
+    channel: str | None, align: bool, output: str, plots: Path | None, as_json: bool, **columns: Any,
 ) -> int:  # fmt: skip
     """Correct an image that was scanned open loop.
 
     Needs a model of the axis and the voltage that was recorded during the scan, and no sensor: the model predicts where
-    each pixel was taken. IMAGE has the trace, or trace and retrace; a second file has the retrace.
+    each pixel was taken. IMAGE has the trace, or trace and retrace; a second file has the retrace. Where there are
+    other signals, too, --channel names the one to correct.
     """
     from truestroke import scans
     from truestroke.identification import unwarp as unwarping
@@ -48,7 +50,7 @@ def unwarp(
     target = common.to_write("--output", output, IMAGE)
     (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
     given = scans.read_images(image) + (scans.read_images(retrace) if retrace else [])
-    before = unwarping.by_direction(given)
+    before = unwarping.by_direction(given, channel)
     scanned = _recorded(record, lines, columns)
     slow = None if model_y is None else truestroke.load_model(model_y)
     found = truestroke.unwarp(before, scanned, truestroke.load_model(model), slow, align=align)

@@ -7,6 +7,7 @@ Along each line, then across the lines, the signal is interpolated at even place
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,8 @@ from truestroke.signals.scans.scan import LINE, Scan, table
 from truestroke.signals.tables import UNITS, RecordError, open_table
 
 DIRECTIONS = {"trace": 1, "retrace": -1}
+FORWARD = {"trace", "forward", "fwd"}  # in the names of images: of microscopes, too
+BACKWARD = {"retrace", "backward", "bwd", "reverse"}
 OPPOSITE = {"start": "end", "end": "start"}
 APART, FAR = 0.3, 3.0  # pixels between trace and retrace after it: beyond them doubtful, bad
 BACK = 1.0  # pixels: a line that goes back further is none
@@ -564,9 +567,36 @@ def _still(apart: float, farther: bool, timing: float) -> str:
     return f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."
 
 
-def by_direction(images: Sequence[Image]) -> dict[str, Image]:
-    """Images of a file as trace and retrace: by their names, or in this order."""
-    if len(images) > 2:
-        raise ImageError(f"{len(images)} images: must be a trace, or a trace and a retrace")
-    named = {name: image for image in images for name in DIRECTIONS if image.name.split(", ")[-1] == name}
-    return named if len(named) == len(images) else dict(zip(DIRECTIONS, images, strict=False))
+def by_direction(images: Sequence[Image], channel: str | None = None) -> dict[str, Image]:
+    """Images of files as trace and retrace: by their names, or in this order.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        Of one signal, or of several.
+    channel : str, optional
+        Part of the name of the signal, where there are several; case does not count.
+
+    Raises
+    ------
+    ImageError
+        There are not one or two images of the channel; the message names them all.
+    """
+    chosen = [image for image in images if channel is None or channel.casefold() in image.name.casefold()]
+    directions = [_direction(image.name) for image in chosen]
+    if not 1 <= len(chosen) <= 2 or directions in (["trace"] * 2, ["retrace"] * 2):
+        names = ", ".join(repr(image.name) for image in images)
+        of = "" if channel is None else f" of the channel {channel!r}"
+        raise ImageError(
+            f"{len(chosen)} images{of} must be a trace, or a trace and a retrace: by `channel` take those whose "
+            f"names have a part in common, of {names}"
+        )
+    known = {"trace", "retrace"}.issuperset(directions)
+    return dict(zip(directions if known else DIRECTIONS, chosen, strict=False))
+
+
+def _direction(name: str) -> str:
+    """Of the line of an image, by the words that microscopes use; empty where there is none, or both."""
+    words = re.findall("[a-z]+", name.casefold())
+    forward, backward = not FORWARD.isdisjoint(words), not BACKWARD.isdisjoint(words)
+    return "" if forward is backward else "trace" if forward else "retrace"
