@@ -631,6 +631,18 @@ def test_the_model_that_was_there_is_refined():
     assert after < 0.2 * before
 
 
+def test_passes_above_the_resonance_make_no_model_and_say_why():
+    """The displacement falls as the voltage rises; the sign is right."""
+    from truestroke.runtime.learning import model_of
+
+    wave = trajectories.sine(frequency=500.0, peak_to_peak=1.0, duration=1.0, sample_rate=FS)
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1}
+    plant = StagePlant(StageSettings(sample_rate=FS, resonances=(300.0,), dampings=(0.02,)))
+    found = truestroke.learn(plant, wave, dynamics=dynamics(300.0, 0.02), passes=2, **limits)
+    with pytest.raises(truestroke.RecordError, match=r"so fast a motion .* learn a motion below the resonance"):
+        model_of(found)
+
+
 def test_a_driver_takes_the_same_passes_and_ends_at_the_safe_voltage():
     from truestroke.runtime.drivers import SimulatedDriver, SimulatedSettings
 

@@ -27,6 +27,7 @@ from truestroke.runtime.drivers.protocol import Driver, DriverError
 from truestroke.runtime.loop import Actuator
 from truestroke.runtime.realtime.axis_check import zero_of
 from truestroke.runtime.realtime.settings import checked_zero
+from truestroke.signals.tables import RecordError
 from truestroke.signals.trajectories import Trajectory
 
 PASSES = 8
@@ -216,6 +217,12 @@ def model_of(found: Learned, model: ActuatorModel | None = None) -> ActuatorMode
         measured.append(z[seen])
         start += x.size / rate + GAP
     arrays = np.concatenate(volts), np.concatenate(measured)
+    if np.cov(*arrays)[0, 1] <= 0:
+        raise RecordError(
+            "the passes",
+            "the displacement falls where the voltage rises: in so fast a motion the stage answers a quarter of a "
+            "period late, or more. The waveform needs no model; for one, learn a motion below the resonance",
+        )
     record = Record.from_arrays(*arrays, time=np.concatenate(time), source="passes of truestroke learn")
     return identify(record, branches=False).model if model is None else refine(model, record).model
 
