@@ -360,7 +360,8 @@ static bool matters(const ts_controller *c)
         if (is_late(c)) return true;
         ts_real seen = SEEN * ts_guard_range(&c->guard, &c->settings->guard);
         if (c->guard.kept && r->power < seen * seen) return false;
-        return moved * moved > MOVED * MOVED && (assumed || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
+        bool anywhere = assumed || c->stage.trial; /* it has never been better than none */
+        return moved * moved > MOVED * MOVED && (anywhere || moved * moved < FURTHER * FURTHER) && moved * moved > 4 * r->variance;
     }
     if (is_given(c)) {
         const ts_guard *g = &c->guard;

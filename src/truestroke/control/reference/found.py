@@ -341,7 +341,8 @@ def matters(c: State) -> bool:
         seen = SEEN * c.kept.guard.range
         if c.kept.guard.kept and known.power < seen * seen:
             return False
-        far = moved * moved > MOVED * MOVED and (assumed or moved * moved < FURTHER * FURTHER)
+        anywhere = assumed or stage.trial  # it has never been better than none
+        far = moved * moved > MOVED * MOVED and (anywhere or moved * moved < FURTHER * FURTHER)
         return far and moved * moved > 4 * known.variance
     if c.is_given:
         guard = c.kept.guard
