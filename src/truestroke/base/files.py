@@ -163,10 +163,16 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
     return place
 
 
+def no_folder(folder: Path, named: Path) -> FileNotFoundError:
+    """The error of a file or folder `named` that has no folder to be in, with the command that makes it."""
+    made = system.command_line(*system.MAKE_FOLDER, folder)
+    return FileNotFoundError(errno.ENOENT, f"there is no folder {folder}; make it: {made}", str(named))
+
+
 def _check_folder(place: Path, named: Path) -> None:
     """The folder is there, and the place is none."""
     if not place.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"there is no folder {place.parent}", str(named))
+        raise no_folder(place.parent, named)
     if place.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(named))
 

@@ -29,7 +29,7 @@ _KINDS: dict[Any, tuple[Any, str]] = {
     bool: (bool, "true or false"),
     str: (str, "text in quotes"),
     type(None): (type(None), "left out"),
-    tuple: ((list, tuple), "a list"),
+    tuple: ((list, tuple), "a list, in brackets"),
     Mapping: (Mapping, "a table"),
 }
 """Of the type of an annotation the types of values that it takes, and how they are called."""
