@@ -354,12 +354,18 @@ def test_a_mistake_in_a_law_of_ones_own_is_named_at_its_first_tick(mistake: str,
     [
         (LMS, "law = the class LMS: must be a law, .*; call the class to make one"),
         (types.SimpleNamespace(weights=np.ones(39)), r"must be a law, .*; it has no update\(\)"),
+        (
+            types.SimpleNamespace(weights=np.ones(39), update=lambda u: None),
+            r"law.update = update\(u\): must be callable as update\(u, e_m\)",
+        ),
         (types.SimpleNamespace(update=print), r"law.weights = None: must be an array of shape \(39,\)"),
     ],
 )
 def test_what_is_no_law_is_refused(law: Any, said: str) -> None:
     with pytest.raises(SettingError, match=said):
         ReferenceController(settings_of("default"), law)
+    with pytest.raises(SettingError, match=r"settings = .*: must be a ControllerSettings"):
+        ReferenceController(BASIC)  # type: ignore[arg-type]
 
 
 def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:

@@ -82,12 +82,14 @@ class ReferenceController(Displayed):
     """
 
     def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
+        checks.instance("settings", settings, ControllerSettings, "a ControllerSettings, and a law comes after it")
         if settings.precision != "double":
             raise SettingError(
                 "precision", repr(settings.precision), "'double': NumPy states the paper in double alone"
             )
         law = law_of(settings) if law is None else law
         checks.able("law", law, ("update",), "a law, an object with weights and update(u, e_m)")
+        checks.takes("law.update", law.update, None, 0.0, form="update(u, e_m)")
         check_weights(law, settings.parameters)
         self._state = State(settings, law)
         self.reset()
