@@ -192,7 +192,12 @@ def test_rest_is_a_motion_like_any_other() -> None:
     [
         (["track", "--duration", "-1"], "'--duration': -1.0 is not in the range x>=0.5", 2),
         (["track", "--peak-to-peak", "-3"], "--peak-to-peak = -3.0 um: must be above 0 um", 2),
-        (["track", "--duration", "soon"], "--duration", 2),
+        (["track", "--duration", "soon"], "'--duration': 'soon' is no number, in s and without the unit.", 2),
+        (["track", "--frequency", "5kHz"], "'5kHz' is no number, in Hz and without the unit.", 2),
+        (["track", "--seed", "1.5"], "'1.5' is no whole number.", 2),
+        (["track", "--strok", "3"], "No such option '--strok'. See: truestroke track --help", 2),
+        (["track", "--overwrit"], "No such option '--overwrit'. Did you mean '--overwrite'? See: ", 2),
+        (["track", "--voltage-limits", "0", "150"], "moves 30 um from -0.6 to 3.6 V, before its amplifier", 2),
         (["track", "--frequency", "1e9"], "--frequency = 1000000000.0 Hz: must be", 2),
         (["track", "--trajectory", "zigzag"], "zigzag", 2),
         (["track", "--trajectory", "none.csv"], "none.csv", 2),
@@ -453,7 +458,7 @@ def test_identify_writes_a_model_that_a_controller_starts_from(tmp_path) -> None
     assert controller.command(0.0, 0.0) == pytest.approx(0.0, abs=0.1)
     lost = CliRunner().invoke(main, ["identify", str(record), "--output", str(tmp_path / "none" / "m.toml")])
     assert lost.exit_code == 1
-    assert "no folder" in lost.output
+    assert f"; make it: mkdir -p {tmp_path / 'none'}" in lost.output.replace("\n", " ")
 
 
 def test_no_command_imports_another_and_old_names_are_hidden() -> None:

@@ -274,3 +274,10 @@ def test_jumps_short_moves_and_noise_are_no_motion_that_needs_another_slew_limit
         controller = truestroke.AdaptiveController(**BENCH)
         assert in_an_own_loop(controller, position, 2000.0 * np.diff(position, prepend=position[0])) == []
         assert controller.counters.slewed > 10
+
+
+def test_a_resonance_in_khz_is_named_where_the_motion_is_out_of_reach() -> None:
+    wave = random_wave(duration=2.0, peak_to_peak=28.6)
+    settings = ControllerSettings(**BENCH, resonance=3.0)
+    with pytest.raises(SettingError, match=r"or correct the limits or the model \(um, V\), or its resonance of 3 Hz$"):
+        feasibility.check(feasibility.demands(wave, settings), settings)

@@ -189,3 +189,9 @@ def test_a_lock_goes_with_its_process() -> None:
         files.grow(place.path, True, lambda path: True)
     place.close()
     assert not files.busy(place.path)
+
+
+def test_a_name_without_an_ending_gets_one() -> None:
+    Path("run.toml").write_text(configuration(duration=0.5))
+    assert again("--output", "first", "--json").exit_code in (0, 4, 11)  # the machine may be late
+    assert [path.name for path in Path().glob("first*")] == ["first.h5"]

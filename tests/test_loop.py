@@ -1,10 +1,13 @@
 """The loop: each measurement meets its command, whatever block and latency are; nothing recorded is lost."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import truestroke
 from truestroke import AdaptiveController, Recording, RunInterrupted, SettingError, Timing, run, trajectories
+from truestroke.plant import RealisticPlant
 
 PAPER = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 WAVE = trajectories.random_wave(duration=1.0, velocity_limit=300.0)
@@ -211,3 +214,46 @@ def test_what_does_not_fit_together_is_refused():
 
     with pytest.raises(RunInterrupted, match=r"exchange = array of shape \(2,\) um: must be of shape \(1,\)"):
         run(WAVE, Listener(), TooMuch())
+
+
+class Proportional:
+    """A controller of a user's own, whose command is what it is made with."""
+
+    def __init__(self, volts: Any) -> None:
+        self.volts = volts
+
+    def command(self, z_d: float, zdot_d: float) -> Any:
+        return self.volts
+
+    def adapt(self, z_measured: float, ago: int = 0) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("volts", "said"),
+    [
+        (None, r"controller.command\(\) = None V: must be a number"),
+        (np.nan, r"controller.command\(\) = nan V: must be finite"),
+        ("3", r"controller.command\(\) = '3' V: must be a number"),
+        (np.zeros(2), r"controller.command\(\) = array of shape \(2,\) V: must be a number"),
+    ],
+)
+def test_a_command_of_ones_own_controller_is_a_number(volts: Any, said: str) -> None:
+    wave = trajectories.sine(frequency=5.0, peak_to_peak=20.0, duration=0.5)
+    with pytest.raises(RunInterrupted, match=said):
+        run(wave, Proportional(volts), RealisticPlant(seed=0))
+    assert run(wave, Proportional(1), RealisticPlant(seed=0))["volts"][-1] == 1.0
+
+
+def test_calls_that_take_other_arguments_are_named_before_the_first_tick() -> None:
+    wave = trajectories.sine(frequency=5.0, peak_to_peak=20.0, duration=0.5)
+    late, fast, bench = Proportional(1.0), Proportional(1.0), RealisticPlant(seed=0)
+    late.adapt = lambda z: None  # type: ignore[method-assign, assignment, misc]
+    fast.command = lambda z_d: 1.0  # type: ignore[method-assign, assignment, misc]
+    bench.exchange = lambda: None  # type: ignore[method-assign, assignment, misc]
+    with pytest.raises(SettingError, match=r"adapt = adapt\(z\): must be callable as adapt\(z_measured, ago=0\)"):
+        run(wave, late, RealisticPlant(seed=0))
+    with pytest.raises(SettingError, match=r"command = command\(z_d\): must be callable as command\(z_d, zdot_d\)"):
+        run(wave, fast, RealisticPlant(seed=0))
+    with pytest.raises(SettingError, match=r"exchange = exchange\(\): must be callable as exchange\(volts\)"):
+        run(wave, Proportional(1.0), bench)

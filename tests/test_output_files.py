@@ -243,3 +243,14 @@ def test_a_pipe_is_written_into() -> None:
     assert os.read(out, 100) == b"a model"
     os.close(out)
     os.close(into)
+
+
+def test_a_folder_that_cannot_be_written_is_named_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a recording that grows as of any other file; root may write everywhere, so the system's answer is set."""
+    monkeypatch.setattr("os.access", lambda place, mode: False)
+    with pytest.raises(PermissionError, match="cannot be written: no permission; choose another folder"):
+        files.check_growing(tmp_path / "run.h5", False, lambda _: True)
+    with pytest.raises(PermissionError, match="choose another folder"):
+        files.check(tmp_path / "run.html", files.MEASUREMENT)

@@ -271,7 +271,7 @@ def test_a_bad_voltage_moves_nothing(make):
 
 
 def test_descriptions_are_plain_data_and_settings_are_checked():
-    for plant in (RealisticPlant(PlantSettings(change=Change(time=1.0))), MatchedPlant(np.zeros(3))):
+    for plant in (RealisticPlant(PlantSettings(change=Change(time=1.0, gain=0.8))), MatchedPlant(np.zeros(3))):
         assert json.loads(json.dumps(plant.describe()))["seed"] == 0
     for bad in ({"noise": -1}, {"creep_span": (0, 1)}, {"plays": 0}, {"steps_per_tick": 7}, {"ad_limits": (1, 1)},
                 {"hysteresis": 0.9, "change": Change(time=0.0, hysteresis=2.0)}):  # fmt: skip
@@ -282,6 +282,8 @@ def test_descriptions_are_plain_data_and_settings_are_checked():
             MatchedSettings(**bad)
     with pytest.raises(SettingError, match="'loudness'"):
         PlantSettings().without("loudness")
+    with pytest.raises(SettingError, match=r"change = one at 2\.5 s of nothing: must be one of gain or hysteresis"):
+        PlantSettings(change=Change(time=2.5))
 
 
 # ---- The matched plant

@@ -2,11 +2,14 @@
 
 import dataclasses
 import functools
+import types
+from typing import Any
 
 import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, _kernel
+from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LMS, RLS
 from truestroke.control.reference import HISTORY, ReferenceController
 from truestroke.model.models import ModifiedPrandtlIshlinskii, RateDependentModel
@@ -315,6 +318,56 @@ def test_any_law_goes_in_the_loop_and_learns() -> None:
     np.testing.assert_array_equal(held.weights, settings.initial_weights)
 
 
+class Broken(LMS):
+    """A law of a user's own, with a mistake."""
+
+    def __init__(self, mistake: str) -> None:
+        super().__init__(settings_of("default").initial_weights)
+        self.mistake = mistake
+
+    def update(self, u: FloatArray, e_m: float) -> Any:
+        if self.mistake == "returns":
+            return self.weights + e_m * u
+        made = {"NaN": self.weights * np.nan, "column": self.weights[:, None], "list": list(self.weights)}
+        self.weights = made[self.mistake]
+        return None
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        ("returns", r"law.update\(\) = array of shape \(39,\): must be None; assign new weights to self.weights"),
+        ("NaN", r"law.weights\[0\] = nan um/V: must be finite"),
+        ("column", r"law.weights = array of shape \(39, 1\): must be an array of shape \(39,\)"),
+        ("list", r"law.weights = .*: must be an array of shape \(39,\)"),
+    ],
+)
+def test_a_mistake_in_a_law_of_ones_own_is_named_at_its_first_tick(mistake: str, said: str) -> None:
+    controller = ReferenceController(settings_of("default"), Broken(mistake))
+    controller.command(10.0, 0.0)
+    with pytest.raises(SettingError, match=said):
+        controller.adapt(9.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (LMS, "law = the class LMS: must be a law, .*; call the class to make one"),
+        (types.SimpleNamespace(weights=np.ones(39)), r"must be a law, .*; it has no update\(\)"),
+        (
+            types.SimpleNamespace(weights=np.ones(39), update=lambda u: None),
+            r"law.update = update\(u\): must be callable as update\(u, e_m\)",
+        ),
+        (types.SimpleNamespace(update=print), r"law.weights = None: must be an array of shape \(39,\)"),
+    ],
+)
+def test_what_is_no_law_is_refused(law: Any, said: str) -> None:
+    with pytest.raises(SettingError, match=said):
+        ReferenceController(settings_of("default"), law)
+    with pytest.raises(SettingError, match=r"settings = .*: must be a ControllerSettings"):
+        ReferenceController(BASIC)  # type: ignore[arg-type]
+
+
 def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
     controller = ReferenceController(settings_of("default"))
     controller.command(10.0, 0.0)
@@ -325,5 +378,5 @@ def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
         np.testing.assert_array_equal(ours, theirs)
     with pytest.raises(SettingError, match="precision = 'single'"):
         ReferenceController(dataclasses.replace(settings_of("default"), precision="single"))
-    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be 39 numbers"):
+    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be an array of shape \(39,\)"):
         ReferenceController(settings_of("default"), RLS([5.0, 0.0]))

@@ -1,6 +1,7 @@
 """Checks of arguments: an error names the argument, its value, the bound and the unit."""
 
 import difflib
+import inspect
 import itertools
 import math
 import os
@@ -162,6 +163,25 @@ def able(argument: str, value: Any, methods: Sequence[str], words: str) -> None:
     if missing:
         lack = f"; it has {', '.join(f'no {name}()' for name in missing)}" if "__call__" not in methods else ""
         raise SettingError(argument, described(value), words + lack)
+
+
+def takes(argument: str, method: Callable[..., Any], *examples: Any, form: str) -> None:
+    """A method that can be called with such values; `form` says how it is written. One without a signature passes.
+
+    >>> takes("controller.adapt", lambda z: None, 0.0, 0, form="adapt(z_measured, ago=0)")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: controller.adapt = adapt(z): must be callable as adapt(z_measured, ago=0)
+    """
+    try:
+        signature = inspect.signature(method)
+    except (TypeError, ValueError):
+        return
+    try:
+        signature.bind(*examples)
+    except TypeError:
+        given = f"{argument.rpartition('.')[2]}({', '.join(signature.parameters)})"
+        raise SettingError(argument, given, f"callable as {form}") from None
 
 
 def path(argument: str, value: Any) -> Path:

@@ -154,21 +154,27 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
     """
     path = Path(path)
     place = path.resolve() if path.is_symlink() and (path.is_file() or not path.exists()) else path
-    _check_folder(place, path)
-    if not os.access(place if place.exists() else place.parent, os.W_OK):
-        raise PermissionError(errno.EACCES, "cannot be written: no permission", str(path))
+    _check_place(place, path)
     if place.is_file() and not _replacing.get() and place.stat().st_size and not kind.ours(place):
         what = "is there already" if kind is MEASUREMENT else f"is there and is not {kind.words} that truestroke wrote"
         raise FileExistsError(errno.EEXIST, f"{what}; choose another name, or `overwrite` it", str(path))
     return place
 
 
-def _check_folder(place: Path, named: Path) -> None:
-    """The folder is there, and the place is none."""
+def no_folder(folder: Path, named: Path) -> FileNotFoundError:
+    """The error of a file or folder `named` that has no folder to be in, with the command that makes it."""
+    made = system.command_line(*system.MAKE_FOLDER, folder)
+    return FileNotFoundError(errno.ENOENT, f"there is no folder {folder}; make it: {made}", str(named))
+
+
+def _check_place(place: Path, named: Path) -> None:
+    """The folder is there, the place is none, and it can be written."""
     if not place.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"there is no folder {place.parent}", str(named))
+        raise no_folder(place.parent, named)
     if place.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(named))
+    if not os.access(place if place.exists() else place.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, "cannot be written: no permission; choose another folder", str(named))
 
 
 # ---- Writing -------------------------------------------------------------------------------------------------------
@@ -297,7 +303,7 @@ def check_growing(final: Path, overwrite: bool, empty: Callable[[Path], bool]) -
     OSError
         There is no folder, or the place is one.
     """
-    _check_folder(final, final)
+    _check_place(final, final)
     if not final.exists():
         return final
     path = beside(final)

@@ -173,9 +173,11 @@ def value(name: str, given: Any, hint: Any, unit: str = "") -> Any:
 def _remedy(name: str, given: Any, hint: Any, inner: tuple[Any, ...]) -> str:
     """What to change where a value has another type, if that is known."""
     if isinstance(given, str) and {int, float, bool} & {hint, *inner}:
-        return ", without quotes"
+        return "" if any(get_origin(one) is Literal for one in inner) else ", without quotes"
     if isinstance(given, Mapping) and _outer(hint) is tuple and _outer(inner[0]) is Mapping:
         return f" of tables: [[{name}]], with double brackets"
+    if _outer(hint) is tuple and not isinstance(given, Mapping) and _outer(inner[0]) is not Mapping:
+        return ", in brackets: [...]"
     return ", with single brackets" if checks.tabled(given) == "tables" else ""
 
 
@@ -195,7 +197,10 @@ def _called(hint: Any) -> str:
     """The type of an annotation, in words."""
     if get_origin(hint) in (Union, types.UnionType):
         return " or ".join(filter(None, (_called(one) for one in get_args(hint) if one is not type(None))))
-    return f"one of {', '.join(get_args(hint))}" if get_origin(hint) is Literal else _kind(hint)[1]
+    if get_origin(hint) is Literal:
+        choices = get_args(hint)
+        return f"one of {', '.join(choices)}" if len(choices) > 1 else repr(choices[0])
+    return _kind(hint)[1]
 
 
 def _fits(given: Any, hint: Any) -> bool:

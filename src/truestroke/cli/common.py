@@ -40,6 +40,7 @@ MAKERS = {  # of a file, by the option that takes it
     "model": "`truestroke identify` writes it",
     "dynamics": "`truestroke bode` writes it",
 }
+UNITS = {"HZ": "Hz", "S": "s", "UM": "um", "UM/S": "um/s", "V": "V", "V/S": "V/s", "LOW HIGH": "V"}  # by the metavar
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 GAP = 2  # characters between the columns of a table
@@ -124,7 +125,7 @@ class Commands(click.Group):
             click.echo(asked.format_message())
             return ExitCode.OK
         except click.UsageError as error:
-            message = error.format_message()
+            message = in_plain_words(error)
             ended = message if message.endswith((".", "?", "?)")) else f"{message}."
             name = f" {self._asked.name}" if self._asked else ""
             return self._failed(f"{ended} See: truestroke{name} --help", ExitCode.USAGE)
@@ -137,6 +138,22 @@ class Commands(click.Group):
         except (click.Abort, KeyboardInterrupt):
             code = system.exit_code(stopped[0]) if stopped else ExitCode.INTERRUPTED
             return complain("terminated" if stopped else "interrupted", code)
+
+
+def in_plain_words(error: click.UsageError) -> str:
+    """The message of a mistake on the command line: without options of another meaning, and with units for types."""
+    if isinstance(error, click.NoSuchOption) and error.possibilities:
+        bare = error.option_name.strip("-")  # that all begin with -- makes none alike
+        alike = difflib.get_close_matches(bare, [one.strip("-") for one in error.possibilities])
+        error = click.NoSuchOption(error.option_name, error.message, [f"--{one}" for one in alike])
+    message, metavar = error.format_message(), getattr(getattr(error, "param", None), "metavar", None)
+    unit = UNITS.get(metavar or "")
+    asked = f", in {unit} and without the unit" if unit else ""
+    return re.sub(
+        r"is not a valid (?:float|(integer))(?: range)?",
+        lambda found: f"is no {'whole ' if found[1] else ''}number{asked}",
+        message,
+    )
 
 
 def _code_of(error: BaseException | None) -> int:

@@ -43,7 +43,7 @@ realtime_options = common.options(
     click.option("--config", type=common.FILE, metavar="FILE", help="Driver, axes, limits: TOML."),
     click.option("--example", is_flag=True, help="Print a configuration with comments, of a simulated stack."),
     click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-                 help="Recording, in place of the one that the configuration names."),
+                 help="Recording, in place of the one the configuration names; .h5 is added to a name without ending."),
     click.option("--overwrite", is_flag=True, help="Replace a recording that is there."),
     live_option,
     common.json_option,
@@ -106,7 +106,7 @@ def follow(
     called = system.command_line("truestroke", *command.split(), "--config", config)
     about = {"command": called, "config": toml.source(config)}
     options: dict[str, Any] = {"settings": job.settings, "about": about, "overwrite": overwrite, "show": show}
-    file = job.file if output is None else output
+    file = job.file if output is None else output if output.suffix else output.with_suffix(".h5")
     with checks.inside("", {"file": "--output"}):
         paths = names_of(file, job.axes, overwrite)
     for path in paths:

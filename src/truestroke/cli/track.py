@@ -80,6 +80,7 @@ def _controller(
 
     bench = {"sample_rate": trajectory.sample_rate, "voltage_limits": options["voltage_limits"]}
     if options["model"] is None:
+        _check_limits(*options["voltage_limits"])
         adaptive = truestroke.AdaptiveController
         if options["controller"] == "paper":
             return adaptive.paper(stroke=tracking.STROKE, **bench)
@@ -93,6 +94,19 @@ def _controller(
             f"{tracking.SENSITIVITY:.3g}: not the same actuator. On yours, `truestroke run` starts from the model."
         )
     return truestroke.AdaptiveController.from_model(model, **bench, **known)
+
+
+def _check_limits(low: float, high: float) -> None:
+    """UsageError where the range is that of another actuator: its gain would be further off than `run` permits."""
+    from truestroke.runtime import gains
+    from truestroke.studies import tracking
+
+    own = tracking.VOLTAGE_LIMITS
+    if high - low > gains.RUN[1] * (own[1] - own[0]):
+        raise click.UsageError(
+            f"--voltage-limits {low:g} {high:g}: the simulated stack moves {tracking.STROKE:g} um from {own[0]:g} to "
+            f"{own[1]:g} V, before its amplifier: not the same actuator. For yours, `truestroke run --example`."
+        )
 
 
 def _run(

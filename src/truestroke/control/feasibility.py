@@ -289,7 +289,8 @@ def check(
     elif needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
         bound = f"within reach: about {figures(needs.volts[0])} to {figures(needs.volts[1])} V are needed at "
         bound += f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; "
-        bound += "make it smaller, or correct the limits or the model (um, V)"
+        rings = f", or its resonance of {settings.resonance:g} Hz" if settings.resonance > 0 else ""
+        bound += f"make it smaller, or correct the limits or the model (um, V){rings}"
     if bound:
         raise SettingError(motion, f"{least:g} to {most:.6g}", bound, "um")
     if needs.usual_slew / DOUBT > limit:

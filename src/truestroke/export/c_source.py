@@ -300,7 +300,7 @@ def _texts(
 def _check_folder(folder: Path) -> None:
     """It is new, or has nothing in it, or may be written over."""
     if not folder.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"there is no folder {folder.parent}", str(folder))
+        raise files.no_folder(folder.parent, folder)
     if folder.exists() and not folder.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "is a file; name a folder", str(folder))
     if folder.is_dir() and not files.replacing() and any(folder.iterdir()):

@@ -232,6 +232,10 @@ class PlantSettings:
 
     def __post_init__(self) -> None:
         declared.complete(self, PLANT_SETTINGS)
+        if self.change is not None and self.change.gain == self.change.hysteresis == 1.0:
+            raise SettingError(
+                "change", f"one at {self.change.time:g} s of nothing", "one of gain or hysteresis, such as gain = 0.8"
+            )
 
     @property
     def input_sensitivity(self) -> float:

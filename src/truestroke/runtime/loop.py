@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
@@ -145,7 +146,8 @@ def _moved(
     for start in range(0, by_ticks, timing.block):
         stop = min(start + timing.block, by_ticks)
         for k in range(start, stop):
-            volts[k] = command(*next(motion))
+            x = command(*next(motion))
+            volts[k] = x if isinstance(x, float) and math.isfinite(x) else checks.number("controller.command()", x, "V")
             log.ticks.commanded(k)
         measured = _checked(actuator.exchange(volts[start:stop]), stop - start)
         for _, z, ago in log.ticks.answers(start, stop, measured, getattr(actuator, "truth", None)):
@@ -174,7 +176,10 @@ def _check_types(trajectory: Trajectory, controller: Controller, actuator: Actua
     made = f"a Trajectory, such as of truestroke.trajectories.sine(){order}"
     checks.instance("trajectory", trajectory, Trajectory, made)
     checks.able("controller", controller, ("command", "adapt"), f"a controller, such as an AdaptiveController{order}")
+    checks.takes("controller.command", controller.command, 0.0, 0.0, form="command(z_d, zdot_d)")
+    checks.takes("controller.adapt", controller.adapt, 0.0, 0, form="adapt(z_measured, ago=0)")
     checks.able("actuator", actuator, ("open", "exchange"), f"an actuator, such as a plant.RealisticPlant{order}")
+    checks.takes("actuator.exchange", actuator.exchange, np.zeros(1), form="exchange(volts)")
     if progress is not None:
         checks.able("progress", progress, ("__call__",), "a function of ticks done and all ticks")
 

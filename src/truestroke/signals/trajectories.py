@@ -206,7 +206,8 @@ def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray
     """Checks the settings that all motions share; start of each tick, s."""
     duration = checks.positive("duration", duration, "s")
     sample_rate = checks.positive("sample_rate", sample_rate, "Hz")
-    checks.within("ramp", ramp, 0.0, duration / 2, "s")
+    if not 0.0 <= checks.number("ramp", ramp, "s") <= duration / 2:
+        raise SettingError("ramp", ramp, f"from 0 to {duration / 2:g} s, half of the duration of {duration:g} s", "s")
     ticks = checks.number("duration * sample_rate", duration * sample_rate)
     return np.arange(checks.count("duration * sample_rate", round(ticks), 2, 10**9)) / sample_rate
 

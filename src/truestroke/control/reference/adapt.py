@@ -5,8 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from truestroke.base import checks
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.control.adaptation import LARGEST, FilteringLaw, UpdateRefused
+from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefused
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
@@ -215,10 +217,31 @@ def learn_otherwise(c: State, u: FloatArray | None) -> bool:
     """With a law that takes regressor and error: (23)."""
     try:
         if not c.held and u is not None:
-            c.law.update(u, c.innovation)
+            returned: object = c.law.update(u, c.innovation)  # type: ignore[func-returns-value]
+            if returned is not None:
+                raise SettingError(
+                    "law.update()", checks.described(returned), "None; assign new weights to self.weights"
+                )
+            check_weights(c.law, u.size)
     except UpdateRefused:
         return False
     return True
+
+
+def check_weights(law: Law, size: int) -> None:
+    """Refuse weights with which no command can be computed: a law of a user's own may make them.
+
+    Raises
+    ------
+    SettingError
+        They are missing, no array of this size, or not finite.
+    """
+    weights: object = getattr(law, "weights", None)
+    if not isinstance(weights, np.ndarray) or weights.shape != (size,):
+        raise SettingError("law.weights", checks.described(weights), f"an array of shape ({size},)")
+    if not np.isfinite(weights).all():
+        column = int(np.flatnonzero(~np.isfinite(weights))[0])
+        raise SettingError(f"law.weights[{column}]", weights[column], "finite; a smaller step size may help", "um/V")
 
 
 def learn_staged(c: State, path: Stage, z: float, innovation: float, *, measured: bool, learn: bool) -> None:

@@ -17,7 +17,7 @@ from truestroke.base.display import Displayed, Rows
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import RLS, Law
 from truestroke.control.controller import controller_rows
-from truestroke.control.reference.adapt import measure, pass_over
+from truestroke.control.reference.adapt import check_weights, measure, pass_over
 from truestroke.control.reference.command import (
     HANDS_OVER,
     acceleration,
@@ -66,7 +66,8 @@ class ReferenceController(Displayed):
     Raises
     ------
     SettingError
-        `precision` is not "double", or the law has another number of weights than the settings.
+        `precision` is not "double", or the law has no update(u, e_m), or other weights than an array of as many finite
+        numbers as the settings have parameters.
 
     Examples
     --------
@@ -81,15 +82,15 @@ class ReferenceController(Displayed):
     """
 
     def __init__(self, settings: ControllerSettings, law: Law | None = None) -> None:
+        checks.instance("settings", settings, ControllerSettings, "a ControllerSettings, and a law comes after it")
         if settings.precision != "double":
             raise SettingError(
                 "precision", repr(settings.precision), "'double': NumPy states the paper in double alone"
             )
         law = law_of(settings) if law is None else law
-        if np.shape(law.weights) != (settings.parameters,):
-            raise SettingError(
-                "law.weights", f"array of shape {np.shape(law.weights)}", f"{settings.parameters} numbers"
-            )
+        checks.able("law", law, ("update",), "a law, an object with weights and update(u, e_m)")
+        checks.takes("law.update", law.update, None, 0.0, form="update(u, e_m)")
+        check_weights(law, settings.parameters)
         self._state = State(settings, law)
         self.reset()
 

@@ -129,5 +129,6 @@ def check_range(argument: str, voltages: Sequence[float], description: Mapping[s
         return
     for value in voltages:
         if not reach[0] <= value <= reach[1]:
-            bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver; V, not mV"
+            bound = f"from {reach[0]:g} to {reach[1]:g} V, the output_range of the driver: "
+            bound += "V, not mV, and before an amplifier, not behind it"
             raise SettingError(argument, value, bound, "V")
