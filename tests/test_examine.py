@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import foreign_records
 from click.testing import CliRunner
 
 from truestroke import plant, trajectories
@@ -171,6 +172,31 @@ def test_clipping_is_told_from_holding() -> None:
     held = np.clip(1.5 * sine(t) - 0.9, 0.0, 3.6)  # a trapezium, which the actuator follows
     result = found(t, held, play_history(held, [0.0, 0.4]) @ [8.0, 2.0])
     assert (result.clipped_displacement, result.clipped_volts) == (0, 0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("share", [0.95, 1.0])
+def test_a_voltage_that_is_clipped_in_few_rows_is_said(share: float, noise: float) -> None:
+    """Relays of Preisach on a random wave: 1 % of the rows are at the limit; with no limit nothing is said."""
+    t, rng = foreign_records.clock(10.0, 1e3), np.random.Generator(np.random.PCG64(4))
+    x = foreign_records.wave(t, rng, 8.0)
+    z = 20 * foreign_records.preisach(x, np.random.Generator(np.random.PCG64(7))) + rng.normal(0.0, 0.004, x.size)
+    recorded = 10 * (np.minimum(x, x.min() + share * np.ptp(x)) + rng.normal(0.0, noise, x.size))
+    result = examine(Record.from_arrays(recorded, z, sample_rate=1e3))
+    assert any("voltage stays at an end" in text for text in result.implausible) == (share < 1)
+    assert (result.clipped_volts > 0) == (share < 1)
+    assert result.clipped_volts < 0.03 * t.size
+
+
+@pytest.mark.parametrize("damping", [0.02, 0.3])
+def test_a_stage_that_rings_in_a_hold_is_no_clipped_voltage(damping: float) -> None:
+    """A trapezium of 8 Hz on a resonance of 30 Hz, 10 ms late."""
+    t = foreign_records.clock(4.0, 2e3)
+    x = np.clip(1.6 * np.sin(16 * np.pi * t), -1.0, 1.0) + 1.0
+    z = np.roll(20 * foreign_records.resonance(play_history(x, [0.0, 0.2]) @ [0.8, 0.2], 2e3, 30.0, damping), 20)
+    result = examine(Record.from_arrays(50 * x, z, sample_rate=2e3))
+    assert result.clipped_volts == 0
+    assert not any("voltage stays at an end" in text for text in result.implausible)
 
 
 def test_what_it_cannot_identify_is_said() -> None:

@@ -411,3 +411,17 @@ def test_track_refuses_what_does_not_fit(call, words, message, code):
     done = CliRunner().invoke(main, ["track", "--duration", "1", "--model", "model.toml", *words])
     assert done.exit_code == code
     assert message in done.stderr
+
+
+@pytest.mark.parametrize(("speed", "asked"), [(0.9, False), (5.0, True)])
+def test_a_lag_that_the_record_leaves_open_is_said_of_faster_motion(speed, asked):
+    """1 ms of it; at 0.9 of the speed of the record other weights make up for it."""
+    covariance = np.diag([0.0, 1e-3, 0.0]) ** 2
+    model = straight(noise=1e-3).replace(covariance=covariance)
+    assert model.names[1] == "lag"
+    desired = 10.0 + 5.0 * np.sin(speed * 100.0 / 5.0 * np.arange(4000) / FS)
+    said = [reason for reason in waveform(model, desired, FS).verdict.reasons if "times as fast" in reason]
+    assert bool(said) == asked
+    if asked:
+        stated = float(said[0].split("may be ")[1].split(" um")[0])
+        assert stated == pytest.approx(1e-3 * speed * 100.0 / np.sqrt(2), rel=0.05)

@@ -473,3 +473,41 @@ def test_dynamics_of_another_stage_are_refused(slow):
     own = slow.replace(dynamics=Dynamics(sample_rate=FAST, modes=(Mode(frequency=900.0, damping=0.02),)))
     with pytest.raises(SettingError, match="first resonance 300 Hz"):
         refine(own, record, waveform=made, dynamics=other)
+
+
+def creeping():
+    """Plays and creep of 1 and 100 s; motion in the middle of the travel."""
+    model = ActuatorModel(
+        thresholds=(0.0, 0.3),
+        weights=[9.0, 1.0, 0.3, 0.9, 0.0, 0.0],
+        creep_times=(1.0, 100.0),
+        covariance=1e-3 * np.eye(6),
+        stroke=40.0,
+        voltage_range=LIMITS,
+        noise=1e-3,
+    )
+    return model, 20.0 + 3.0 * np.sin(2 * np.pi * np.arange(8000) / FS)
+
+
+@pytest.mark.parametrize("rest", [0.5, 20.0])
+def test_creep_that_goes_on_behind_the_rest_is_predicted(rest):
+    model, desired = creeping()
+    made = waveform(model, desired, FS, rest=rest)
+    actuator = model.replace(weights=1.02 * model.weights)
+    noise = 1e-3 * np.random.Generator(np.random.PCG64(4)).standard_normal(desired.size)
+    measured = actuator.forward(made.volts, FS, rest=rest) + noise
+    found = refine(model, Record.from_arrays(made.volts, measured, sample_rate=FS), waveform=made, rest=rest)
+    assert found.before == pytest.approx(0.02 * rms(measured), rel=0.05)
+    assert found.after < 1.2 * model.noise
+    assert not found.kept
+    following = found.next()
+    assert rms(actuator.forward(following.volts, FS, rest=rest) - desired) < 0.02 * found.rmse
+    assert following.rmse < 0.02 * found.rmse
+
+
+def test_a_negative_rest_is_refused():
+    model, desired = creeping()
+    made = waveform(model, desired, FS)
+    record = Record.from_arrays(made.volts, made.desired, sample_rate=FS)
+    with pytest.raises(SettingError, match=r"rest = -1.0 s: must be from 0"):
+        refine(model, record, waveform=made, rest=-1.0)

@@ -74,6 +74,41 @@ def test_another_gain_is_a_reason_of_its_own(model, gain):
     assert "`displacement_scale`" in said
 
 
+def said(found, words):
+    (text,) = (reason for reason in found.verdict.reasons if words in reason)
+    return text
+
+
+def test_a_gain_that_a_day_changes_is_said_where_the_model_may_be_used(model):
+    found = score(model, day(3, gain=1.04))
+    assert found.verdict.level == "doubtful"
+    assert "`refine` learns it" in said(found, "moves 1.0")
+    assert "Another gain moves it, too" in said(found, "The zero is")
+
+
+def test_a_shift_in_time_is_said_with_its_size(model):
+    volts, moved, fs = day(3)
+    late = score(model, (volts[5:], moved[:-5], fs))
+    size = float(said(late, "than predicted").split("comes ")[1].split(" ms later")[0])
+    assert size == pytest.approx(10.0, abs=2.0)
+    assert "ms earlier" in said(score(model, (volts[:-5], moved[5:], fs)), "than predicted")
+
+
+def test_a_drift_is_said_with_its_size(model):
+    volts, moved, fs = day(3)
+    found = score(model, (volts, moved + 0.2 * np.arange(volts.size) / fs, fs))
+    assert float(said(found, "drifts by").split("by ")[1].split(" um/s")[0]) == pytest.approx(0.2, rel=0.2)
+
+
+def test_motion_beyond_the_record_is_no_reason_where_the_error_is_elsewhere(model):
+    """A gain of 1.04; the fastest rows alone are 2 % faster than the record."""
+    volts, moved, fs = day(3, gain=1.04)
+    slower = model.replace(velocity=0.98 * float(np.abs(np.gradient(model.predict(volts, fs)) * fs).max()))
+    found = score(slower, (volts, moved, fs))
+    assert any("faster than the record" in warning for warning in found.beyond.warnings)
+    assert not any("faster than the record" in reason for reason in found.verdict.reasons)
+
+
 def test_another_curve_is_no_other_gain(model):
     volts, moved, fs = day(3)
     found = score(model, (volts, moved + 3.0 * np.sin(volts / 10), fs))

@@ -23,6 +23,7 @@ from truestroke.cli import common, waveforms
               "corrected at each frequency through the model and what the passes so far show.")  # fmt: skip
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`, in place of the delay and "
               "the resonances of the model; refined.toml has them from then on.")  # fmt: skip
+@waveforms.rest_option
 @waveforms.limit_options
 @common.force_option
 @common.overwrite_option
@@ -30,12 +31,13 @@ from truestroke.cli import common, waveforms
 def refine(
     record: Path, model: Path, waveform: Path | None, output: str, following: str | None, strict: bool, force: bool,
     as_json: bool, voltage_limits: tuple[float, float] | None, slew: float | None, dynamics: Path | None,
-    **options: Any,
+    rest: float, **options: Any,
 ) -> int:  # fmt: skip
     """Adapt a model from the recording of a waveform.
 
     Playback, record, refine, and again: prints how far this pass was from the desired motion, and how well the old
-    and the refined model predict it. The actuator rests under the first voltage before each pass.
+    and the refined model predict it. The actuator rests under the first voltage before each pass, for as long as
+    `truestroke playback` waits.
     """
     if following and waveform is None:
         raise click.UsageError("--next needs --waveform: the motion is in there.")
@@ -46,7 +48,7 @@ def refine(
     common.examined(data, force)
     wanted = None if waveform is None else _put_out(waveform)
     stage = None if dynamics is None else truestroke.Dynamics.load(dynamics)
-    found = truestroke.refine(known, data, waveform=wanted, dynamics=stage)
+    found = truestroke.refine(known, data, waveform=wanted, dynamics=stage, rest=rest)
     truestroke.save_model(output, found.model)
     made = None
     if target is not None and wanted is not None:

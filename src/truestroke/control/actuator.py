@@ -435,7 +435,7 @@ class ActuatorModel(Displayed, Layout):
         """
         x = checks.finite_array("volts", volts, "V")
         fs = checks.positive("sample_rate", sample_rate, "Hz")
-        rest = _rest(rest)
+        rest = resting_time(rest)
         if x.size == 0:
             return x
         w = self.weights
@@ -549,7 +549,7 @@ class ActuatorModel(Displayed, Layout):
         if known is not None:
             z_d, velocity = stage.strain(known, z_d), None
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
-        volts = self._voltage(self._without_creep(z_d, fs, limits, _rest(rest)), rate, fs, limits, slew_limit)
+        volts = self._voltage(self._without_creep(z_d, fs, limits, resting_time(rest)), rate, fs, limits, slew_limit)
         if checks.flag("warn", warn) and reach.at_a_limit(volts, fs, limits, slew_limit):
             predicted = self.forward(volts, fs, offset=offset, rest=rest)
             self._warn_of_limits(reach.Made(volts, desired, predicted, fs, limits, slew_limit))
@@ -676,7 +676,7 @@ def displacement(
     return z
 
 
-def _rest(rest: float) -> float:
+def resting_time(rest: float) -> float:
     """A time of rest, s; infinity is one."""
     return math.inf if rest == math.inf else checks.within("rest", rest, 0.0, 1e12, "s")
 

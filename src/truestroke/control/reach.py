@@ -191,7 +191,7 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
         )
     faster = max((span.worst for span in beyond.velocity), default=0.0)
     times = 1 + faster / model.velocity if model.velocity and faster else 0.0
-    hidden = times * (error_of(model) or model.noise)
+    hidden = max(times * (error_of(model) or model.noise), _late(model, made))
     if times and (hidden > least or times > FASTER):
         yield (
             _level(hidden, least),
@@ -207,6 +207,12 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
             "where the record tests no response: a stage may ring there. Record such a motion, or make its turns "
             "longer.",
         )
+
+
+def _late(model: "ActuatorModel", made: Made) -> float:
+    """Rms error of a lag that the record leaves open, um: other weights make up for it at its own speed alone."""
+    speed = np.gradient(made.predicted) * made.sample_rate
+    return float(np.max(model.deviations[model.columns["lag"]]) * np.sqrt(np.mean(speed**2)))
 
 
 def error_of(model: "ActuatorModel") -> float | None:

@@ -23,7 +23,7 @@ from truestroke.identification.records.record import Record, as_record
 from truestroke.identification.waveform import Passes, PredictedWaveform, Waveform, described
 from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
-from truestroke.model.sampled import central_difference
+from truestroke.model.sampled import REST, central_difference
 from truestroke.signals.channels import Sampled
 from truestroke.signals.quiet import noise_not_followed, without_noise
 
@@ -70,6 +70,8 @@ class Refined(Sampled):
         Voltage, V, and measurement, um, of the last passes of this motion, this one with them.
     best : int
         On which of `passes` the next one builds.
+    rest : float
+        Time under the first voltage before each pass, s; infinite of a record whose waveform is not known.
     """
 
     model: ActuatorModel
@@ -86,6 +88,7 @@ class Refined(Sampled):
     expected: float | None = None
     passes: Passes = ()
     best: int = 0
+    rest: float = math.inf
 
     def next(
         self, *, voltage_limits: tuple[float, float] | None = None, slew_limit: float = UNLIMITED
@@ -107,13 +110,13 @@ class Refined(Sampled):
         desired, rate = self.measured - self.error, self.sample_rate
         limits = self.model.voltage_range if voltage_limits is None else voltage_limits
         before, _ = self.passes[self.best]
-        predicted = self.model.forward(before, rate)
+        predicted = self.model.forward(before, rate, rest=self.rest)
+        asked: dict[str, Any] = {"voltage_limits": limits, "slew_limit": slew_limit, "rest": self.rest}
         here, there = (
-            self.model.invert(y, rate, voltage_limits=limits, slew_limit=slew_limit, warn=False)
-            for y in (predicted, predicted + self.correction)
+            self.model.invert(y, rate, warn=False, **asked) for y in (predicted, predicted + self.correction)
         )
         volts = _slewed(np.clip(before + there - here, *limits), slew_limit / rate)
-        short = self.model.forward(volts, rate) - predicted - self.correction
+        short = self.model.forward(volts, rate, rest=self.rest) - predicted - self.correction
         return described(self.model, volts, desired, desired + short, rate, limits, slew_limit, self.passes)
 
     @property
@@ -134,15 +137,20 @@ class Refined(Sampled):
 
 @normal.one_thread
 def refine(
-    model: ActuatorModel, record: Record, *, waveform: Waveform | None = None, dynamics: Dynamics | None = None
+    model: ActuatorModel,
+    record: Record,
+    *,
+    waveform: Waveform | None = None,
+    dynamics: Dynamics | None = None,
+    rest: float = REST,
 ) -> Refined:
     """The model adapted to a record, its structure kept, and the correction of the next pass.
 
     Bayesian least squares: the prior is `ActuatorModel.another_day`, all partial slopes stay positive. The
     noise is the residual, with fewer degrees of freedom where it is coloured. Before a waveform the actuator is assumed
-    to rest at the first voltage, as by `predict`; of another record the part is skipped in which the plays may remember
-    what was before it. Of a waveform the refit is taken where it explains the pass about as well as the model explained
-    its own record.
+    to rest at the first voltage, for as long as `rest` says; of another record the part is skipped in which the plays
+    may remember what was before it. Of a waveform the refit is taken where it explains the pass about as well as the
+    model explained its own record.
 
     `next` corrects the pass at each frequency, through the model and the ratio of the true response to the model's that
     the passes show (`passes`); a pass that was worse than the best one is undone.
@@ -157,6 +165,9 @@ def refine(
         The waveform that was recorded. The record may begin before it and end behind it; the voltage says where.
     dynamics : Dynamics, optional
         Of the stage, as `truestroke bode` measures them: they replace delay, lag and resonances of the model.
+    rest : float
+        Time under the first voltage before the waveform, s, as of `truestroke.waveform`; without a waveform it does not
+        matter.
 
     Raises
     ------
@@ -190,10 +201,11 @@ def refine(
         raise SettingError("record", f"{x.size} samples", "at least 200 samples")
     if dynamics is not None:
         model = _on(checks.instance("dynamics", dynamics, Dynamics, DYNAMICS).at(fs), model)
-    data = _data(model, x, z, fs)
+    rest = math.inf if waveform is None else actuator.resting_time(rest)
+    data = _data(model, x, z, fs, rest)
     skip = 0 if waveform is not None else data.settled
     fitted = _fitted(model, data, skip)
-    before, residual = (z - of.forward(x, fs) for of in (model, fitted))
+    before, residual = (z - of.forward(x, fs, rest=rest) for of in (model, fitted))
     old, new = (_rms(error[skip * data.every :]) for error in (before, residual))
     if new > OTHER * (spread := float(np.std(z[skip * data.every :]))):
         value = f"one of which the refined model leaves {new:.3g} um rms"
@@ -202,7 +214,7 @@ def refine(
     error = None if waveform is None else z - waveform.desired
     fitted = fitted.replace(before=model.replace(before=None))
     signals: dict[str, Any] = {"volts": x, "measured": z, "residual": residual, "error": error}
-    found = Refined(model=fitted, sample_rate=fs, before=old, after=new, **signals)
+    found = Refined(model=fitted, sample_rate=fs, before=old, after=new, rest=rest, **signals)
     source = str(getattr(record, "source", ""))
     best = _best(model, waveform)
     if found.rmse is not None and found.rmse > WORSE * best:
@@ -230,7 +242,7 @@ def _as_before(found: Refined, old: ActuatorModel) -> Refined:
         f"A refit of the weights leaves {found.after:.3g} um of this pass, more than its noise: the weights stay, and "
         "the next pass learns what the model does not explain."
     )
-    residual = found.measured - old.forward(found.volts, found.sample_rate)
+    residual = found.measured - old.forward(found.volts, found.sample_rate, rest=found.rest)
     model = found.model.before
     assert model is not None
     same = model.replace(before=model)
@@ -259,7 +271,7 @@ def _corrected(found: Refined, waveform: Waveform) -> Refined:
     best = int(np.argmin(errors))
     best = len(made) - 1 if errors[-1] <= WORSE * errors[best] else best
     worse = sum(1 for error in errors[best + 1 :] if error > WORSE * errors[best])
-    predicted = [(found.model.forward(x, found.sample_rate), z) for x, z in made]
+    predicted = [(found.model.forward(x, found.sample_rate, rest=found.rest), z) for x, z in made]
     known: dict[str, Any] = {"dynamics": found.model.stage(found.sample_rate), "step": max(LEAST, SHY**worse)}
     planned = law.following(predicted, waveform.desired, found.sample_rate, best=best, **known)
     last = sorted({best, *range(max(0, len(made) - REMEMBERED + 1), len(made))})
@@ -279,7 +291,7 @@ def _rms(error: FloatArray) -> float:
 # ---- The fit -------------------------------------------------------------------------------------------------------
 
 
-def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data:
+def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float, rest: float) -> Data:
     """As the fit sees it; the range of the voltage grows, stroke and zero stay: they scale the asymmetry."""
     low, high = model.voltage_range
     every = -(-x.size // ROWS)
@@ -296,6 +308,7 @@ def _data(model: ActuatorModel, x: FloatArray, z: FloatArray, fs: float) -> Data
         time_constant=model.time_constant,
         dynamics=model.stage(fs),
         duration=x.size / fs,
+        rest=rest,
     )
 
 
@@ -305,10 +318,11 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     branches = None if model.branches is None else dataclasses.replace(model.branches, weights=())
     s = Structure(**model.terms, rested=True, branches=branches)
     prior = _prior(model, s, data)
-    velocity = max(model.velocity, float(np.abs(central_difference(model.strain(data.volts, fs), fs)).max()))
+    before = model.strain(data.volts, fs, rest=data.rest)
+    velocity = max(model.velocity, float(np.abs(central_difference(before, fs)).max()))
     c = prior.mean
     for _ in range(STEPS):
-        z_m = data.model(s, c, velocity).strain(data.volts, fs)
+        z_m = data.model(s, c, velocity).strain(data.volts, fs, rest=data.rest)
         rows, kept = data.columns(s, z_m)[skip:], data.through(z_m)[:: data.every][skip:]
         J = data.derivative(s, rows[:, :-1], kept, c)
         residual = measured - kept
@@ -316,7 +330,7 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
         shown = normal.reduced(np.column_stack([J, residual + J @ c]))
         c = normal.solve(prior.rows(weight), *data.constraints(s, velocity), above=shown)
     made = data.model(s, c, velocity)
-    residual = measured - data.through(made.strain(data.volts, fs))[:: data.every][skip:]
+    residual = measured - data.through(made.strain(data.volts, fs, rest=data.rest))[:: data.every][skip:]
     P = uncertainty.covariance(J, residual, prior, weight)
     times = {"delay": model.delay, "time_constant": model.time_constant, "dynamics": model.dynamics}
     plain = None if model.plain is None else _fitted(model.plain, data, skip)
@@ -366,7 +380,7 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Ref
     provenance = {**old.provenance, f"pass_{number}": f"{source}: {text}"}
     metrics = {name: old.metrics[name] for name in ("samples", "spread_um", "best_pass_um")}
     model = kept.replace(before=None, metrics={**kept.metrics, **metrics}, provenance=provenance)
-    residual = found.measured - kept.forward(found.volts, found.sample_rate)
+    residual = found.measured - kept.forward(found.volts, found.sample_rate, rest=found.rest)
     return dataclasses.replace(found, model=model, residual=residual, after=_rms(residual), undone=text)
 
 

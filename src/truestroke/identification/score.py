@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
@@ -26,7 +28,12 @@ HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
 LATEST = 0.5  # of the record: until then its start ends where the voltage has been at all voltages
 MISSED = 0.02  # of the stroke: an error of the start that is a reason
-SCALED = 0.5, 0.03  # of the rmse remains with another gain, at most; and by so much it differs, at least
+EXPLAINED = 0.5  # of the rmse remains beside what explains it, at most
+SCALED = 0.005  # by so much another gain differs, at least
+UNIT = 1.1  # times, or less than one part in so many: more than a day, a load or an amplifier changes a gain
+MOSTLY = 0.5  # of the samples: motion that is beyond the record of the model in more of them is a reason at all events
+TIMES = "times as far as predicted"
+THERE = 1.2  # times the rmse elsewhere: then motion beyond the record of the model explains the error
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +140,11 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
     measured = [slice(start, stop) for start, stop in runs(s.known).tolist()]
-    scaled = _scaled(predicted[judged], s.displacement[judged], numbers["rmse_um"])
+    words = _explained(trace, numbers["rmse_um"], s.sample_rate)
     beyond = model.beyond(s.volts, s.sample_rate, measured=False)
-    verdict = _verdict(model, numbers, noise(s.displacement, measured), scaled, beyond)
+    verdict = _verdict(
+        model, numbers, noise(s.displacement, measured), words, _causes(beyond, rest, judged, s.sample_rate)
+    )
     return Score(**numbers, estimated=offset is None, beyond=beyond, trace=trace, verdict=verdict)
 
 
@@ -163,23 +172,72 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: F
     return np.asarray(interval.COVERED * np.sqrt(motion + model.walk**2 * since))
 
 
-def _scaled(predicted: FloatArray, measured: FloatArray, rmse: float) -> str:
-    """In words that another gain explains the error; empty where it does not."""
-    from_mean = predicted - predicted.mean()
-    square = float(from_mean @ from_mean)
-    gain = float(from_mean @ measured) / square if square > 0 else 0.0
-    left = float(np.std(measured - gain * predicted))
-    share, differs = SCALED
-    if gain <= 0 or left > share * rmse or abs(math.log(gain)) < differs:
+def _explained(trace: Trace, rmse: float, fs: float) -> str:
+    """In words what explains the error: another gain, a shift in time, or a drift; empty where none of them does."""
+    judged, predicted = trace.known & trace.held_out, trace.predicted
+    causes = {
+        "gain": predicted,
+        "later": -np.gradient(predicted) * fs,
+        "drift": np.arange(predicted.size) / fs,
+    }
+    error = (trace.displacement - predicted)[judged]
+    found = {name: _fitted(cause[judged], error) for name, cause in causes.items()}
+    name = min(found, key=lambda name: found[name][1])
+    size, left = found[name]
+    if left > EXPLAINED * rmse:
         return ""
-    return (
-        f"The displacement moves {figures(gain)} times as far as predicted, and {left:.3g} um of the error remain "
-        "beside that: is a unit or a scale wrong (`displacement_scale`, `volts_scale`), or is it another "
-        "actuator or load?"
+    remain = f"and {figures(left, 3)} um of the error remain beside that"
+    if name == "drift":
+        words = f"The displacement drifts by {figures(size, 3)} um/s against the prediction, {remain}"
+        return f"{words}: is it temperature, or creep of a move before? Wait until it has settled."
+    if name == "later":
+        when = "later" if size > 0 else "earlier"
+        words = f"The displacement comes {figures(1e3 * abs(size), 3)} ms {when} than predicted, {remain}"
+        return f"{words}: is a filter or the sensor another one, or is a channel of the recording shifted in time?"
+    return _of_gain(1 + size, remain)
+
+
+def _fitted(cause: FloatArray, error: FloatArray) -> tuple[float, float]:
+    """By which factor a cause is in the error, and the deviation that remains."""
+    from_mean = cause - cause.mean()
+    square = float(from_mean @ from_mean)
+    size = float(from_mean @ error) / square if square > 0 else 0.0
+    return size, float(np.std(error - size * cause))
+
+
+def _of_gain(gain: float, remain: str) -> str:
+    if gain <= 0 or abs(math.log(gain)) < SCALED:
+        return ""
+    words = f"The displacement moves {figures(gain, 4)} {TIMES}, {remain}"
+    if abs(math.log(gain)) > math.log(UNIT):
+        words += ": is a unit or a scale wrong (`displacement_scale`, `volts_scale`), are the columns"
+        return f"{words} exchanged, or is it another actuator or load?"
+    return f"{words}: another temperature, load or amplifier may do so, or another actuator; `refine` learns it."
+
+
+def _causes(beyond: Beyond, error: FloatArray, judged: npt.NDArray[np.bool_], fs: float) -> tuple[str, ...]:
+    """Warnings of motion beyond the record of the model, of those where the error is larger than elsewhere."""
+    parts = (
+        dataclasses.replace(Beyond((), ()), **{name: getattr(beyond, name)}, tested_frequency=beyond.tested_frequency)
+        for name in ("voltage", "velocity", "frequency")
     )
+    return tuple(words for part in parts for words in part.warnings if _there(part, error, judged, fs))
 
 
-def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, scaled: str, beyond: Beyond) -> Verdict:
+def _there(part: Beyond, error: FloatArray, judged: npt.NDArray[np.bool_], fs: float) -> bool:
+    """Whether the error is larger in these spans than in the other samples, or there are none."""
+    inside = np.zeros(error.size, dtype=np.bool_)
+    for span in (*part.voltage, *part.velocity, *part.frequency):
+        inside[round(span.start * fs) : round(span.stop * fs)] = True
+    there, elsewhere = judged & inside, judged & ~inside
+    if not there.any() or np.mean(inside[judged]) > MOSTLY:
+        return bool(there.any())
+    return _rms(error[there]) > THERE * _rms(error[elsewhere])
+
+
+def _verdict(
+    model: ActuatorModel, found: dict[str, float], noise_um: float, explained: str, beyond: tuple[str, ...]
+) -> Verdict:
     """Bad where the model does not hold, doubtful where its interval does not, or its error is not that of the sensor.
 
     The last as `identify` has it: a model whose error on its own record is large is as little known on another one.
@@ -191,18 +249,20 @@ def _verdict(model: ActuatorModel, found: dict[str, float], noise_um: float, sca
         where = "above" if found["offset_um"] > 0 else "below"
         size = f"{abs(found['offset_um']):.3g} um {where}"
         words = f"The zero is {size} that of the record of the model; the other errors are without it."
+        words += " Another gain moves it, too." if TIMES in explained else ""
         said.append(("doubtful", words))
     if found["rmse_um"] > max(WORSE * model.noise, 0.02 * model.stroke):
         words = f"The rmse is {found['rmse_um']:.3g} um, that of the model's own record {model.noise:.3g} um: "
         said.append(("bad", words + "identify the actuator anew."))
-        said += [("bad", scaled)] if scaled else []
+        said += [("bad", explained)] if explained else []
     elif found["rmse_um"] > NOISE * noise_um and found["rmse_percent"] > NEGLIGIBLE:
         over = found["rmse_um"] / noise_um if noise_um > 0 else math.inf
         error, times = sizes(found["rmse_um"], found["rmse_percent"], over, noise_um)
         said.append(("doubtful", f"The error is {error}: {times}. Use the model where that is small enough."))
+        said += [("doubtful", explained)] if explained else []
     if found["rmse_um"] > NOISE * max(noise_um, model.noise):
         words = "The motion is beyond that of the record of the model"
-        said += [("doubtful", f"{words}: {warning}. Identify with this record, too.") for warning in beyond.warnings]
+        said += [("doubtful", f"{words}: {warning}. Identify with this record, too.") for warning in beyond]
     if found["start_rmse_um"] > max(WORSE * found["rmse_um"], MISSED * model.stroke):
         words = f"The start is missed by {found['start_rmse_um']:.3g} um rms, by {found['start_maximum_um']:.3g} um at "
         said.append(("doubtful", words + "most: the actuator had moved before the record, or answers steps otherwise."))

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
+from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings, count
 from truestroke.identification.examination.mistakes import mistakes, ringing
@@ -84,7 +85,7 @@ def examine(record: Record) -> Findings:
         states_known_s=_states_known(record),
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
-        clipped_volts=int(clipped(x, z, max(MOVES * stroke, 6 * level), back=True).sum()),
+        clipped_volts=clipped_volts(x, z, noise(x, record.segments), level)[0],
     )
     findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))
     findings = dataclasses.replace(findings, implausible=implausible(record, findings))

@@ -12,6 +12,7 @@ from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
+from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.examination.mistakes import TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
@@ -278,14 +279,17 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     """A signal that stays at an end of its range, but for noise, while the other one moves: it is cut off there."""
     x, z = record.volts, record.displacement
     quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
-    pairs = (("displacement", z, "voltage", x, "um"), ("voltage", x, "displacement", z, "V"))
-    for name, signal, beside, other, unit in pairs:
-        rows, moved = level(signal, other, quiet[name], quiet[beside])
-        exact = found.clipped_displacement if name == "displacement" else 0  # which are not fitted
-        if rows >= CUT * x.size and not exact:
-            its = "V" if name == "displacement" else "um"
+    quietest = quiet["displacement"], quiet["voltage"]
+    exact = found.clipped_displacement > 0  # rows which are not fitted
+    rows, moved = (0, 0.0) if exact else level(z, x, *quietest)
+    ways = (
+        ("displacement", "voltage", "um", "V", rows if rows >= CUT * x.size else 0, moved),
+        ("voltage", "displacement", "V", "um", *clipped_volts(x, z, *reversed(quietest))),
+    )
+    for name, beside, unit, its, cut, moved in ways:
+        if cut:
             yield (
-                f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {rows} rows, "
+                f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {cut} rows, "
                 f"while the {beside} goes on by up to {moved:.3g} {its} and comes back: is it cut off there?"
             )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,7 +22,7 @@ from truestroke.model.branches import Branches
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import TERMS, Layout
 from truestroke.model.models import Motion, asymmetry_slopes, known_terms
-from truestroke.model.sampled import central_difference, creep_states, lag_coefficients, respond
+from truestroke.model.sampled import central_difference, creep_states, creep_to_come, lag_coefficients, respond
 
 ROWS = 50_000  # of the regression at most: beyond, every so many samples; the plays see all of them
 FLOOR = 0.05  # of the straight line's slope: the smallest partial slope
@@ -94,6 +95,7 @@ class Data:
     delay: float = 0.0  # s, of the displacement behind the voltage
     time_constant: float = 0.0  # s, of a first-order lag
     duration: float = 0.0  # s, of the whole record, in which a drift grows by 1
+    rest: float = math.inf  # s, under the first voltage before the record, from 0 V
     _kept: dict[str, tuple[object, int, FloatArray | None, FloatArray]] = field(default_factory=dict, init=False)
 
     @property
@@ -174,6 +176,8 @@ class Data:
         """The same along the voltage, at rest at 0 um, and the starts of creep."""
         t = np.arange(0, self.volts.size, self._step) / self.sample_rate
         creep = [c[:: self._step] for c in creep_states(self.volts, s.creep_times, self.sample_rate)]
+        if self.rest < math.inf and creep:
+            creep = list(creep - creep_to_come(float(self.volts[0]), s.creep_times, self.rest, t))
         known = known_terms(s, creep, Motion(np.zeros_like(t), np.zeros_like(t)), self.stroke)
         return np.vstack([known, *(np.exp(-t / tau) for tau in s.starts)])
 

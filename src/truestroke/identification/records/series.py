@@ -227,21 +227,17 @@ def to_and_fro(signal: FloatArray) -> float:
     return float(min(beyond, abs(most + least - 2 * signal[-1])))
 
 
-def clipped(signal: FloatArray, other: FloatArray, moves: float, back: bool = False) -> npt.NDArray[np.bool_]:
+def clipped(signal: FloatArray, other: FloatArray, moves: float) -> npt.NDArray[np.bool_]:
     """Rows in runs at an extreme value of `signal` in which `other` moves by more than `moves`, shape (samples,).
 
     A run that `other` does not cross is a hold. A run that `signal` enters by a jump is a step, after which a
-    displacement still settles. With `back`, `other` moves as `to_and_fro` has it.
+    displacement still settles.
     """
     rows = np.zeros(signal.size, dtype=np.bool_)
     for extreme in (signal.min(), signal.max()):
         at = np.flatnonzero(signal == extreme)
         for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
             entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
-            if (
-                run.size >= FLAT
-                and entered < 0.1 * np.ptp(signal)
-                and (to_and_fro(other[run]) if back else np.ptp(other[run])) > moves
-            ):
+            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
                 rows[run] = True
     return rows
