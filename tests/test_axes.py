@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import json
 import pickle
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -778,3 +779,19 @@ def test_a_repetition_that_does_not_fit_is_named():
         pair()[0].restore(controller.state())
     with pytest.raises(SettingError, match=r"another period than 250 ticks"):
         pair()[0].learned["x"].restore(controller.learned["x"].state())
+
+
+def test_a_long_motion_is_prepared_in_little_more_than_what_is_kept():
+    """64 bytes of a tick are kept; what one column needs besides is let go before the next one."""
+    stage = Dynamics(sample_rate=5000.0, modes=(Mode(frequency=900.0, damping=0.02),))
+    settings = ControllerSettings(sample_rate=5000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=stage)
+    controller = MultiAxisController({"x": settings, "y": settings})
+    ticks = 1_000_000
+    motion = sine(frequency=1.0, peak_to_peak=10.0, duration=ticks / 5000.0, sample_rate=5000.0)
+    tracemalloc.start()
+    try:
+        controller.prepare({"x": motion, "y": motion})
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most / ticks < 117, most / ticks

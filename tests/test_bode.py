@@ -356,3 +356,15 @@ def test_foreign_stages_are_followed_within_a_third_of_a_per_cent() -> None:
     assert motion == "sine   0.15 f0"
     assert rms < 0.1
     assert largest < 1.0
+
+
+@pytest.mark.parametrize("reading", [0.0, 7.3])
+def test_a_sensor_that_reads_a_constant_is_named(reading):
+    """Without any noise, as of a channel that is not connected."""
+
+    class Constant(StagePlant):
+        def exchange(self, volts):
+            return np.full(np.shape(volts), reading)
+
+    with pytest.raises(DynamicsError, match=r"move the stage by .* um, its noise is 0 um: look at amplifier, cables"):
+        measure_bode(Constant(), voltage_limits=(-0.6, 3.6))

@@ -439,3 +439,21 @@ def test_a_motion_at_rest_has_no_share_of_peak_to_peak(begun: float) -> None:
     rest = np.linspace(5.0, 5.0 + begun, 4000)
     cells = [cell for _, row in words.table(judgement.summary(made(rest + 0.01 * NOISE[:4000], rest))) for cell in row]
     assert [share for _, share in cells] == ["-", "-"]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_motion_above_the_resonance_is_too_fast_and_no_wrong_sign(sign: float) -> None:
+    """There a stage goes against its voltage, and with it in the slow parts; a wrong sign is wrong in both."""
+    time = np.arange(8000) / RATE
+    place = 10.0 * np.minimum(time, 1.0)  # from 0 um to where it repeats
+    fast = 3.0 * np.sin(2 * np.pi * 200.0 * time) * (time > 1.0)
+    volts = 0.1 * (place + fast)
+    measured = noisy(sign * (place - 0.3 * fast))  # a resonance of about 100 Hz
+    reasons = judge(made(measured, place + fast, volts=volts)).reasons
+    if sign > 0:
+        assert reasons[0].startswith("The motion, of 200 Hz, is faster than the stage or its sensor: there a volt")
+        assert "30 %" in reasons[0]
+        assert "wrong" not in " ".join(reasons)
+    else:
+        assert any("the sign of sensor or actuator is wrong" in one for one in reasons)
+        assert "faster" not in " ".join(reasons)

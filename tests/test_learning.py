@@ -317,7 +317,9 @@ def test_where_the_error_is_that_is_not_learned(cycles, words):
     assert (cycles == 150) == ("such as 59.88 Hz" not in reason)
 
 
-@pytest.mark.parametrize(("share", "level"), [(0.2, "doubtful"), (0.02, "good")])
+@pytest.mark.parametrize(
+    ("share", "level"), [(0.2, "doubtful"), (0.02, "doubtful"), (0.005, "doubtful"), (0.001, "good")]
+)
 def test_a_motion_that_is_hidden_by_the_noise_is_not_good(share, level):
     """An error within the noise shows nothing where the motion is hardly larger."""
     learning = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)

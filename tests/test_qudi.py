@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from truestroke import ActuatorModel, SettingError, identify, plant, save_model
+from truestroke.base.verdict import Verdict
 from truestroke.dropins.memory import Memory
 
 FS = 2000.0
@@ -37,7 +38,10 @@ def model() -> ActuatorModel:
 def found(tmp_path_factory: pytest.TempPathFactory, model: ActuatorModel) -> dict[str, Any]:
     """What the scans in qudi gave: the second stack is of the same kind."""
     folder = tmp_path_factory.mktemp("qudi")
-    save_model(folder / "x.toml", model)
+    save_model(folder / "x.toml", model.replace(provenance={}))
+    for level in ("bad", "doubtful"):
+        found = Verdict(level, ("The sensor was noisy.", "It crept.")).entries
+        save_model(folder / f"{level}.toml", model.replace(provenance=found))
     command = [sys.executable, SCANNER, folder, folder / "x.toml", folder / "x.toml"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
@@ -66,6 +70,15 @@ def test_what_cannot_be_is_an_error_of_the_activation(found: dict[str, Any]) -> 
     assert too_long.startswith("position_ranges of x: 90 um from end to end, but its model reaches 4")
     assert unknown == "models: no axis w; position_ranges has x, y"
     assert "none.toml" in missing
+
+
+def test_a_bad_model_is_refused_and_a_doubtful_one_said(found: dict[str, Any]) -> None:
+    state, *said = found["heeded"]["bad"]
+    assert state == "deactivated"
+    assert any("bad.toml is bad: The sensor was noisy. Record again" in one for one in said)
+    state, *said = found["heeded"]["doubtful"]
+    assert state == "idle"
+    assert any("doubtful.toml is doubtful: The sensor was noisy. It crept." in one for one in said)
 
 
 def test_the_folder_for_the_configuration_holds_what_qudi_imports() -> None:

@@ -459,6 +459,73 @@ def test_a_grey_picture_in_colours_is_what_was_measured(colours, dtype, tmp_path
         scans.read_images(tmp_path / "c.tif")
 
 
+SIGNAL = np.arange(12.0).reshape(3, 4)  # the highest y first; pixels of 0.5 x 1 um
+
+
+def in_imagej(path, unit, um):
+    about = {"unit": unit.replace("\u00b5", "\\u00B5"), "axes": "CYX", "Labels": ["Height", "Phase"]}
+    data = np.stack([SIGNAL, 2 * SIGNAL]).astype(np.float32)
+    tifffile.imwrite(path, data, imagej=True, resolution=(2.0 * um, 1.0 * um), metadata=about)
+
+
+def in_ome(path, unit, um):
+    about = {
+        "axes": "CYX",
+        "PhysicalSizeX": 0.5 / um,
+        "PhysicalSizeXUnit": unit,
+        "Channel": {"Name": ["Height", "Phase"]},
+    }
+    about |= {"PhysicalSizeY": 1000.0, "PhysicalSizeYUnit": "nm"}
+    data = np.stack([SIGNAL, 2 * SIGNAL]).astype(np.uint16)
+    tifffile.imwrite(path, data, ome=True, photometric="minisblack", metadata=about)
+
+
+def in_gwyddion(path, unit, um):
+    made = gwyfile.objects.GwyContainer()
+    for i, name in enumerate(["Height", "Phase"]):
+        of = {
+            "si_unit_xy": gwyfile.objects.GwySIUnit(unitstr=unit),
+            "si_unit_z": gwyfile.objects.GwySIUnit(unitstr="V"),
+        }
+        made[f"/{i}/data"] = gwyfile.objects.GwyDataField((i + 1) * SIGNAL, xreal=2.0 / um, yreal=3.0 / um, **of)
+        made[f"/{i}/data/title"] = name
+    made.tofile(str(path))
+
+
+def in_nexus(path, unit, um):
+    """Both axes downwards, so that the first pixel has the highest places."""
+    with h5py.File(path, "w") as file:
+        entry = file.create_group("entry")
+        entry.attrs["NX_class"] = "NXentry"
+        data = entry.create_group("data")
+        data.attrs.update(
+            {"NX_class": "NXdata", "signal": "Height", "auxiliary_signals": ["Phase"], "axes": ["y", "x"]}
+        )
+        data["Height"], data["Phase"] = SIGNAL[:, ::-1], 2 * SIGNAL[:, ::-1]
+        for axis, places in {"x": [1.75, 1.25, 0.75, 0.25], "y": [2.5, 1.5, 0.5]}.items():
+            data[axis] = np.array(places) / um
+            data[axis].attrs["units"] = unit
+
+
+@pytest.mark.parametrize(("unit", "um"), [("nm", 1e-3), ("um", 1.0), ("\u00b5m", 1.0), ("mm", 1e3), ("m", 1e6)])
+@pytest.mark.parametrize("writes", [in_imagej, in_ome, in_gwyddion, in_nexus])
+def test_files_of_others_have_their_places_in_any_unit_and_their_names(writes, unit, um, tmp_path):
+    """What ImageJ, OME, Gwyddion and NeXus write of two channels whose pixels are no squares."""
+    path = tmp_path / {"in_gwyddion": "a.gwy", "in_nexus": "a.nxs"}.get(writes.__name__, "a.tif")
+    writes(path, unit, um)
+    height, phase = scans.read_images(path)
+    assert ("Height" in height.name, "Phase" in phase.name) == (True, True)
+    for image, times in ((height, 1), (phase, 2)):
+        assert image.size == pytest.approx((2.0, 3.0), rel=1e-6)
+        assert np.array_equal(image.data, times * SIGNAL[::-1])
+
+
+def test_a_place_in_no_length_is_named(tmp_path):
+    in_gwyddion(tmp_path / "a.gwy", "1/m", 1.0)
+    with pytest.raises(scans.ImageError, match="places in '1/m', which must be one of pm, nm, um"):
+        scans.read_images(tmp_path / "a.gwy")
+
+
 def test_files_that_are_none_are_named(pair, tmp_path):
     with pytest.raises(SettingError, match=r"a\.bmp: must be a file that ends with \.gsf"):
         scans.save_images(tmp_path / "a.bmp", pair)

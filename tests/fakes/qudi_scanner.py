@@ -302,10 +302,16 @@ def main() -> None:
         scanner(dropin.InversePiezoInterfuse, folder, {}, models={"w": x}),
         scanner(dropin.InversePiezoInterfuse, folder, {}, models={"x": str(folder / "none.toml")}),
     ]
-    found["refused"] = errors.seen
+    found["refused"] = list(errors.seen)
+    errors.setLevel(logging.WARNING)
+    found["heeded"] = {}
+    for level in ("bad", "doubtful"):
+        errors.seen.clear()
+        kept.append(scanner(dropin.InversePiezoInterfuse, folder, {}, models={"x": str(folder / f"{level}.toml")}))
+        found["heeded"][level] = [kept[-1].module_state(), *errors.seen]
     sys.stdout.write(json.dumps(found) + "\n")
     sys.stdout.flush()
-    os._exit(len(kept) - 3)  # at once: threads of Qt end in their own way
+    os._exit(len(kept) - 5)  # at once: threads of Qt end in their own way
 
 
 if __name__ == "__main__":

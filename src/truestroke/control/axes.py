@@ -17,7 +17,7 @@ import copy
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -290,11 +290,10 @@ class MultiAxisController(Displayed):
         strain = np.full((ticks, n), np.nan)
         others = np.empty((ticks, 3 * n * (n - 1)))
         for i, (name, one) in enumerate(own.items()):
-            known = self.axes[name].strain(one.position)
-            if known is not None:
+            if (known := self.axes[name].strain(one.position)) is not None:
                 strain[:, i] = known
-            for j, column in enumerate(self._taken(name, own)):
-                others[:, 3 * (n - 1) * i + j] = column
+            del known  # before the next ones: of a long scan some ten MB
+            self._take(name, own, others[:, 3 * (n - 1) * i : 3 * (n - 1) * (i + 1)])
         self._follow(own, repeats)
         return AxesMotion(axes=own, strain=strain, others=others, repeats=repeats)
 
@@ -318,11 +317,12 @@ class MultiAxisController(Displayed):
         for name, learned in self.learned.items():
             learned.follow(own[name].position[part].copy(), counts, repeats)
 
-    def _taken(self, name: str, own: Mapping[str, Trajectory]) -> Iterator[FloatArray]:
-        """What the controller of an axis takes of the others, 3 (axes - 1) columns."""
+    def _take(self, name: str, own: Mapping[str, Trajectory], taken: FloatArray) -> None:
+        """What the controller of an axis takes of the others, into 3 (axes - 1) columns, one after the other."""
         dynamics = self.axes[name].settings.dynamics
-        for column in (getattr(own[other], part) for other in self.names if other != name for part in PARTS):
-            yield column if dynamics is None else stage.strain(dynamics, column)
+        moving = (getattr(own[other], part) for other in self.names if other != name for part in PARTS)
+        for j, column in enumerate(moving):
+            taken[:, j] = column if dynamics is None else stage.strain(dynamics, column)
 
     # ---- All axes together -------------------------------------------------------------------------------------------
 

@@ -373,12 +373,13 @@ def strain_within(dynamics: Dynamics, position: FloatArray, bounds: tuple[float,
     size = 2 ** math.ceil(math.log2(position.size + 2 * quiet))
     extended = np.full(size, position[0])
     extended[quiet : quiet + position.size] = position
-    extended[quiet + position.size :] = _way_back(position, size - quiet - position.size, rate)
+    _way_back(position, extended[quiet + position.size :], rate)
     known = rate, dynamics.modes, dynamics.amplifier_bandwidth, dynamics.dead_time
     spectrum = np.fft.rfft(extended)
+    del extended  # of a long scan some ten MB, as each of those here
     for start in range(0, spectrum.size, KEPT):
         spectrum[start : start + KEPT] *= _inverse(*known, size, bounds, start)
-    return np.fft.irfft(spectrum, size)[quiet : quiet + position.size]
+    return np.fft.irfft(spectrum, size)[quiet : quiet + position.size].copy()  # without what is around it
 
 
 @functools.lru_cache(maxsize=4)  # of one motion and of those of the axes beside it
@@ -404,15 +405,17 @@ def _inverse(
     return inverse
 
 
-def _way_back(position: FloatArray, ticks: int, rate: float) -> FloatArray:
+def _way_back(position: FloatArray, into: FloatArray, rate: float) -> None:
     """From the end of a motion to its start, so that it is periodic: the last velocity decays, then a smooth move."""
-    after = np.arange(1, ticks + 1)
+    ticks = into.size
     decay = 0.01 * rate  # ticks
     last = position[-1] - position[-2] if position.size > 1 else 0.0
-    along = position[-1] + last * decay * -np.expm1(-after / decay)
-    u = np.clip(2 * after / ticks - 1, 0.0, 1.0)
-    back = u**3 * (10.0 + u * (6.0 * u - 15.0))
-    return np.asarray(along * (1 - back) + position[0] * back)
+    for start in range(0, ticks, KEPT):
+        after = np.arange(start + 1, min(start + KEPT, ticks) + 1)
+        along = position[-1] + last * decay * -np.expm1(-after / decay)
+        u = np.clip(2 * after / ticks - 1, 0.0, 1.0)
+        back = u**3 * (10.0 + u * (6.0 * u - 15.0))
+        into[start : start + KEPT] = along * (1 - back) + position[0] * back
 
 
 class Stage:

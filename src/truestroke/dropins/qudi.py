@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base.verdict import Verdict
 from truestroke.dropins import needed
 from truestroke.dropins.memory import Memory
 from truestroke.identification import load_model
@@ -29,7 +30,8 @@ class _Axis:
     """An axis with a model: what its output has done, and which position that is for qudi, m."""
 
     def __init__(self, path: str, limits: tuple[float, float], low: float) -> None:
-        self.memory, self._low = Memory(load_model(path), limits), low
+        model = load_model(path)
+        self.memory, self.verdict, self._low = Memory(model, limits), model.verdict, low
         self._rests = self.memory.position
         self.position = low
         self._since = monotonic()
@@ -86,7 +88,8 @@ class InversePiezoInterfuse(NiScanningProbeInterfuse):  # type: ignore[misc]
     Raises
     ------
     ValueError
-        When it is activated: a model cannot be read, an axis is unknown, or its range is longer than the model's reach.
+        When it is activated: a model cannot be read or is bad, an axis is unknown, or its range is longer than the
+        model's reach.
     """
 
     _models: dict[str, str] = ConfigOption(name="models", missing="error")
@@ -107,6 +110,7 @@ class InversePiezoInterfuse(NiScanningProbeInterfuse):  # type: ignore[misc]
         for name, path in self._models.items():
             low, high = self._position_ranges[name]
             axis = _Axis(path, limits[self._ni_channel_mapping[name]], low)
+            self._heed(name, path, axis.verdict)
             if high - low > axis.reach() * (1 + PATIENCE):
                 bounds = " to ".join(f"{volts:.3g}" for volts in axis.memory.limits)
                 raise ValueError(
@@ -115,6 +119,14 @@ class InversePiezoInterfuse(NiScanningProbeInterfuse):  # type: ignore[misc]
                 )
             self._inverses[name] = axis
         super().on_activate()
+
+    def _heed(self, name: str, path: str, verdict: Verdict) -> None:
+        """An error for a bad model, a warning in the log for a doubtful one."""
+        if verdict.is_bad:
+            why = " ".join(verdict.reasons[:1])
+            raise ValueError(f"models: {name}: {path} is bad: {why} Record again, and identify a better one")
+        if verdict.reasons:
+            self.log.warning(f"models: {name}: {path} is doubtful: {' '.join(verdict.reasons)}")
 
     def _position_to_voltage(self, axis: str, positions: Any) -> Any:
         inverse = self._inverses.get(axis)

@@ -24,6 +24,8 @@ UNSEEN, BLIND = 0.05, 0.25  # of the measurements, missing or rejected: doubtful
 ALARMS = 2.0  # changes of the actuator that were found, per second: more are none of the actuator
 STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
 SURE = 4.0  # standard deviations
+TINY = 1e-12  # V
+REPEATS = 20  # periods of a motion at least, for the answer of the actuator to its voltage at that frequency
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
 GREW, MATTERS = 3.0, 0.25  # times the error that was; of what is tolerable: an error that grew by so much, to so much
 AS_FAST = 1.2  # times the speed that was, at most: a motion that becomes faster has a larger error anyway
@@ -236,6 +238,39 @@ def _limited(run: _Run, flag: str, words: str) -> Finding | None:
     return "bad" if share > STUCK else "doubtful", text
 
 
+def _too_fast(run: _Run) -> Finding | None:
+    """A motion that a volt moves less than half as far as it does slowly: the cause of what else is found then."""
+    if run.rmse <= NOT_FOLLOWED * run.tolerable or "volts" not in run.recording or not run.usable.any():
+        return None
+    ticks = run.metrics.ticks
+    desired, volts, measured = (run.recording[name] for name in ("desired", "volts", "measured"))
+    second = desired[run.half] - np.mean(desired[run.half])
+    periods = int(np.argmax(np.abs(np.fft.rfft(second))))
+    length = second.size // max(periods, 1)
+    if periods < REPEATS or length < 2:
+        return None
+    at = np.exp(-2j * np.pi * periods * np.arange(ticks) / second.size) * run.usable
+    fast = abs(np.nansum((at * measured)[run.half])) / max(abs(np.sum((at * volts)[run.half])), TINY)
+    slowly = [_means(np.where(run.usable, values, np.nan), length) for values in (volts, measured)]
+    known = np.isfinite(slowly[0]) & np.isfinite(slowly[1])
+    u, z = (values[known] - np.mean(values[known]) for values in slowly)
+    if not np.any(u) or np.dot(u, z) < STANDS * np.sqrt(np.dot(u, u) * np.dot(z, z)):
+        return None  # it never moved slowly, or not with its voltage
+    share = fast / (np.dot(u, z) / np.dot(u, u))
+    if share > STANDS:
+        return None
+    frequency = periods * ticks / second.size / run.metrics.duration_s
+    return "bad", (
+        f"The motion, of {frequency:.4g} Hz, is faster than the stage or its sensor: there a volt moves it "
+        f"{_percent(float(share))} as far as it does slowly. Move at fewer periods, or rows, a second."
+    )
+
+
+def _means(values: FloatArray, length: int) -> FloatArray:
+    """Of each block of so many ticks."""
+    return np.asarray(values[: values.size // length * length].reshape(-1, length).mean(axis=1))
+
+
 def _missed(run: _Run) -> Finding | None:
     """The error of the second half."""
     if run.rmse <= run.tolerable:
@@ -258,6 +293,8 @@ def _gain(run: _Run) -> Finding | None:
     deviation = float(np.std(residual)) / spread / np.sqrt(max(1.0, known.sum() / COLOURED))
     if abs(gain - 1) < STANDS or abs(gain - 1) < SURE * deviation:
         return _hidden(run) if SURE * deviation > STANDS else None
+    if _too_fast(run):
+        return None  # above its resonance a stage goes against its voltage
     what = "the actuator did not follow, or this is not its sensor"
     if gain < -0.1 or _answers_backwards(run):
         what = "the sign of sensor or actuator is wrong"
@@ -443,6 +480,7 @@ def _grew(run: _Run) -> Finding | None:
 
 CHECKS = (
     _ending,
+    _too_fast,
     _saturated,
     _missed,
     _gain,

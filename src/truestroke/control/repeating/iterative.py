@@ -45,9 +45,9 @@ REPETITIONS = 200  # periods of the motion at most, until they take whole sample
 PERIODIC = 1e-6  # of the peak-to-peak: how well a motion has to repeat
 LIMITED = 0.01  # of the samples at a limit: beyond, the verdict says so
 ABOVE = 0.2  # of the square of the noise: what else may be in an error that is called noise
-NEAR = 2.0  # times the noise: a result that is good
-FINE = 1e-3  # of the peak-to-peak, rms: so is this
-SHOWN = 0.05  # of the peak-to-peak: noise of a pass beyond which it does not show whether the motion was learned
+NEAR = 2.0  # times the noise: an error that more passes hardly lower
+FINE = 1e-3  # of the peak-to-peak, rms: a result that is good
+HELD = 0.4  # of the noise of a pass: what of it is learned, and moves the stage
 SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help
 GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
 
@@ -459,15 +459,16 @@ class Learned(Displayed):
 
     @property
     def verdict(self) -> Verdict:
-        """Good where the error is within twice the noise, or 0.1 % of the motion; bad where none improved.
+        """Good where the error is within 0.1 % of the motion, without what noise explains; bad where none improved.
 
-        Doubtful where the noise is above 5 % of the motion.
+        Doubtful where it is not, or where the noise of a pass is too large to show it.
         """
         made = [one for one in self.passes if one.measured.size]
-        best, findings = self.best, []
+        best, findings, span = self.best, [], float(np.ptp(self.learning.desired))
+        left = math.hypot(math.sqrt(max(0.0, best.rmse**2 - best.noise**2)), HELD * best.noise)
         if len(made) > 1 and best is made[0] and not at_the_noise(best):
             findings.append(("bad", "No pass was better than the first one: measure the dynamics again."))
-        elif not at_the_noise(best, NEAR) and best.rmse > FINE * np.ptp(self.learning.desired):
+        elif not at_the_noise(best, NEAR) and best.rmse > FINE * span:
             text = (
                 f"The error is {figures(best.rmse / best.noise)} times the noise of a pass"
                 if best.noise
@@ -477,9 +478,10 @@ class Learned(Displayed):
                 lower = best.expected < SLOW * best.rmse
                 text += ": more passes will lower it" if lower else ": more passes will hardly lower it"
             findings.append(("doubtful", f"{text}.{self._beyond()}"))
-        elif best.noise > SHOWN * (span := float(np.ptp(self.learning.desired))):
+        elif min(best.rmse, left) > FINE * span:
             text = f"The noise of a pass is {100 * best.noise / span:.2g} % of the motion, {quantity(span, 'um')}, so"
-            text += " that no pass shows whether it was learned: measure more periods (`averaged`), or move further."
+            text += f" that no pass shows whether it was learned to {100 * FINE:g} %: measure more periods "
+            text += "(`averaged`), or move further."
             findings.append(("doubtful", text))
         findings += [("doubtful", reason) for reason in best.verdict.reasons]
         if missed := sum(one.measured.size == 0 for one in self.passes):

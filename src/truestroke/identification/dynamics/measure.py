@@ -19,6 +19,7 @@ from truestroke.signals.timing import Timing
 
 DURATION = 2.0  # s
 RAMP = 0.5  # s, at least, to the bias voltage and back
+ROUNDING = 1e-12  # of a mean
 HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
 FADING, FADING_CYCLES, FADING_FREQUENCY = 0.1, 8, 8.0  # of the voltage range; cycles; Hz
 LEAD = 0.25  # s of the excitation before its period
@@ -311,7 +312,7 @@ class _Line:
         else:  # a small way shows hysteresis above all: what fades is larger
             way, seen = float(np.ptp(fading)), np.isfinite(faded)
             moved = way * float(np.polyfit(fading[seen], faded[seen], 1)[0])
-        if abs(moved) < 5 * noise:
+        if abs(moved) <= 5 * noise + ROUNDING * abs(float(np.nanmean(still))):  # of a constant
             raise DynamicsError(
                 f"{abs(way):.3g} V move the stage by {abs(moved):.2g} um, its noise is {noise:.2g} um: "
                 "look at amplifier, cables and channels"

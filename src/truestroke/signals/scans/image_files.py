@@ -21,6 +21,8 @@ from truestroke.signals.scans.images import Image, ImageError
 from truestroke.signals.scans.scan import Scan
 
 LENGTHS = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "m": 1.0}  # of a signal that is a height, in m
+PLACES = {"pm": 1e-6, "nm": 1e-3, "um": 1.0, "micron": 1.0, "microns": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6}  # in um
+MICRO = {"\u00b5": "u", "\u03bc": "u", "\\u00B5": "u"}  # the sign, the Greek letter, and what ImageJ writes of it
 COLOURS = {2, 3, 4}  # numbers a pixel: grey, or red, green and blue, the even ones with opacity
 MAKER = "truestroke"
 ENDINGS = {".gsf": "gsffile", ".gwy": "gwyfile", ".tif": "tifffile", ".tiff": "tifffile", ".nxs": "h5py"}
@@ -142,11 +144,20 @@ def _in_m(image: Image) -> tuple[FloatArray, str]:
     return image.data[::-1] * (factor or 1.0), "m" if factor else image.unit
 
 
-def _as_read(data: Any, unit: str, size: Sequence[float], origin: Sequence[float], name: str) -> Image:
-    """Of data with the highest y first; a height in m becomes nm."""
+def _as_read(data: Any, unit: str, size: Sequence[float], origin: Sequence[float], name: str, um: float) -> Image:
+    """Of data with the highest y first and places in units of so many um; a height in m becomes nm."""
     values = np.asarray(data, dtype=np.float64)[::-1] * (1e9 if unit == "m" else 1.0)
-    width, height, x, y = (float(f"{1e6 * float(one):.9g}") for one in (*size, *origin))
+    width, height, x, y = (float(f"{um * float(one):.9g}") for one in (*size, *origin))
     return Image(data=values, size=(width, height), origin=(x, y), name=name, unit="nm" if unit == "m" else unit)
+
+
+def _um(unit: str) -> float:
+    """The unit of a place, um."""
+    for sign, letter in MICRO.items():
+        unit = unit.replace(sign, letter)
+    if unit.strip() not in PLACES:
+        raise ValueError(f"places in {unit!r}, which must be one of {', '.join(PLACES)}")
+    return PLACES[unit.strip()]
 
 
 # ---- Gwyddion ------------------------------------------------------------------------------------------------------
@@ -170,7 +181,8 @@ def _read_gsf(path: Path) -> list[Image]:
     data, about = gsffile.read_gsf(path)
     size = [about.get("XReal", 1e-6 * data.shape[1]), about.get("YReal", 1e-6 * data.shape[0])]
     origin = [about.get("XOffset", 0.0), about.get("YOffset", 0.0)]
-    return [_as_read(data, str(about.get("ZUnits", "")), size, origin, str(about.get("Title", path.stem)))]
+    um, title = _um(str(about.get("XYUnits") or "m")), str(about.get("Title", path.stem))
+    return [_as_read(data, str(about.get("ZUnits", "")), size, origin, title, um)]
 
 
 def _write_gwy(path: Path, images: Sequence[Image], _: Scan | None) -> None:
@@ -197,10 +209,11 @@ def _read_gwy(path: Path) -> list[Image]:
     import gwyfile
 
     found = gwyfile.util.get_datafields(gwyfile.load(str(path)))
-    return [
-        _as_read(f.data, f.si_unit_z.unitstr, (f.xreal, f.yreal), (f.get("xoff", 0.0), f.get("yoff", 0.0)), name)
-        for name, f in found.items()
-    ]
+    made = []
+    for name, f in found.items():
+        origin, um = (f.get("xoff", 0.0), f.get("yoff", 0.0)), _um(f.si_unit_xy.unitstr or "m")
+        made.append(_as_read(f.data, f.si_unit_z.unitstr, (f.xreal, f.yreal), origin, name, um))
+    return made
 
 
 # ---- TIFF ----------------------------------------------------------------------------------------------------------
@@ -229,20 +242,51 @@ def _read_tiff(path: Path) -> list[Image]:
 
     made = []
     with tifffile.TiffFile(path) as file:
-        for page in file.pages:
+        shared = _by_imagej(file) or _by_ome(file)
+        for i, page in enumerate(file.pages):
             data = _grey(np.asarray(page.asarray(), dtype=np.float64))
             tags = {tag.name: tag.value for tag in page.tags}
             about = _about(str(tags.get("ImageDescription", "")))
+            names, size = shared.get("names", ()), _size(data.shape, tags, shared.get("unit"))
+            if pixel := shared.get("pixel"):
+                size = pixel[0] * data.shape[1], pixel[1] * data.shape[0]
             made.append(
                 Image(
                     data=data[::-1],
-                    size=tuple(about.get("size_um") or _size(data.shape, tags)),
+                    size=tuple(about.get("size_um") or size),
                     origin=tuple(about.get("origin_um") or (0.0, 0.0)),
-                    name=str(about.get("name", path.stem)),
+                    name=str(about.get("name") or (names[i] if i < len(names) else path.stem)),
                     unit=str(about.get("unit", "")),
                 )
             )
     return made
+
+
+def _by_imagej(file: Any) -> dict[str, Any]:
+    """The unit of the resolution, um, and the names of the pages, where ImageJ has written them."""
+    found = file.imagej_metadata or {}
+    unit = str(found.get("unit", "")).strip()
+    known = {"unit": _um(unit)} if unit not in ("", "pixel", "pixels", "inch") else {}
+    return known | ({"names": list(map(str, found["Labels"]))} if "Labels" in found else {})
+
+
+def _by_ome(file: Any) -> dict[str, Any]:
+    """Width and height of a pixel, um, and the names of the channels, where OME has written them."""
+    if not file.ome_metadata:
+        return {}
+    import tifffile
+
+    image = tifffile.xml2dict(file.ome_metadata)["OME"]["Image"]
+    pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
+    channels = pixels.get("Channel", [])
+    every = channels if isinstance(channels, list) else [channels]
+    found: dict[str, Any] = {"names": [str(one["Name"]) for one in every if "Name" in one]}
+    if {"PhysicalSizeX", "PhysicalSizeY"} <= pixels.keys():
+        found["pixel"] = [
+            float(pixels[f"PhysicalSize{axis}"]) * _um(str(pixels.get(f"PhysicalSize{axis}Unit", "um")))
+            for axis in "XY"
+        ]
+    return found
 
 
 def _grey(data: FloatArray) -> FloatArray:
@@ -263,9 +307,9 @@ def _about(text: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _size(shape: Sequence[int], tags: Mapping[str, Any]) -> tuple[float, float]:
-    """Width and height, um, by the resolution of a page; a pixel of 1 um where it has none."""
-    unit = {2: 25_400.0, 3: 10_000.0}.get(int(tags.get("ResolutionUnit", 1)), 0.0)  # um of an inch, of a centimetre
+def _size(shape: Sequence[int], tags: Mapping[str, Any], um: float | None) -> tuple[float, float]:
+    """Width and height, um, by the resolution of a page, in pixels by unit; a pixel of 1 um where it has none."""
+    unit = um or {2: 25_400.0, 3: 10_000.0}.get(int(tags.get("ResolutionUnit", 1)), 0.0)  # an inch, a centimetre
     if not unit or "XResolution" not in tags:
         return float(shape[1]), float(shape[0])
     across, down = (tags[name][0] / tags[name][1] / unit for name in ("XResolution", "YResolution"))
@@ -347,15 +391,35 @@ def _read_nexus(path: Path) -> list[Image]:
     with h5py.File(path) as file:
         for entry in (one for one in file.values() if one.attrs.get("NX_class") == "NXentry"):
             for group in (one for one in entry.values() if one.attrs.get("NX_class") == "NXdata"):
-                signal = group[group.attrs["signal"]]
-                y, x = (np.asarray(group[name], dtype=np.float64) for name in group.attrs["axes"])
-                up = y[0] > y[-1]
-                (left, width), (low, height) = (_span(np.sort(one)) for one in (x, y))
-                title = group["title"].asstr()[()] if "title" in group else group.name
-                data = np.asarray(signal, dtype=np.float64)[:: -1 if up else 1]
-                unit = str(signal.attrs.get("units", ""))
-                made.append(Image(data=data, size=(width, height), origin=(left, low), name=str(title), unit=unit))
+                made += _nexus_images(group)
     return made
+
+
+def _nexus_images(group: Any) -> list[Image]:
+    """Signal and auxiliary signals of an NXdata, over the same axes."""
+    y, x = (np.asarray(group[name], dtype=np.float64) * _um(_unit(group[name]) or "um") for name in group.attrs["axes"])
+    up, left = y[0] > y[-1], x[0] > x[-1]
+    (west, width), (low, height) = (_span(np.sort(one)) for one in (x, y))
+    title = str(group["title"].asstr()[()] if "title" in group else group.name)
+    others = np.atleast_1d(group.attrs.get("auxiliary_signals", ())).tolist()
+    made = []
+    for name in (group.attrs["signal"], *others):
+        data = np.asarray(group[name], dtype=np.float64)[:: -1 if up else 1]
+        unit = _unit(group[name])
+        image = Image(
+            data=data[..., :: -1 if left else 1] * (1e9 if unit == "m" else 1.0),
+            size=(width, height),
+            origin=(west, low),
+            name=f"{title}, {name}" if others else title,
+            unit="nm" if unit == "m" else unit,
+        )
+        made.append(image)
+    return made
+
+
+def _unit(dataset: Any) -> str:
+    unit = dataset.attrs.get("units", "")
+    return unit.decode() if isinstance(unit, bytes) else str(unit)
 
 
 def _span(centres: FloatArray) -> tuple[float, float]:
