@@ -7,11 +7,9 @@ from truestroke.identification.records.series import runs
 
 LEVEL = 12.0  # times the noise of the voltage: so wide is the end of its range
 FEWEST = 6  # rows of an arc
-LEAST, WIDER, TO_AND_FRO = (
-    0.01,
-    1.5,
-    6.0,
-)  # height of an arc: of the stroke, beyond the level, in deviations of the noise
+LEAST = 0.01  # of the stroke: height of an arc, at least,
+WIDER = 1.5  # and of the width of the end, as a share of the span, besides,
+TO_AND_FRO = 6.0  # and of deviations of the displacement's noise
 ROUND = 0.8  # of the variance within an arc that a parabola explains, at least
 INSIDE = 0.6  # of half of an arc: its vertex is that near to the middle
 GOES_ON = 0.3, 1.1  # its speed in the first and last third over that just before and behind: a hold that rings stops
