@@ -257,9 +257,17 @@ def test_what_is_missing_is_named(scan, volts, shown, model):
 )
 def test_images_of_a_microscope_are_trace_and_retrace_by_their_names(names, channel, trace):
     images = [scans.Image(data=np.eye(2), size=(1.0, 1.0), name=name, unit="nm") for name in names]
-    made = by_direction(images, channel)
+    made = by_direction(images, channel=channel)
     assert set(made) == {"trace", "retrace"}
     assert made["trace"] is images[trace]
+
+
+def test_the_second_of_two_files_is_the_retrace_whatever_its_name():
+    """Programs that write one file for each direction may name both images alike."""
+    first, second = (scans.Image(data=np.eye(2), size=(1.0, 1.0), name="Height trace", unit="nm") for _ in range(2))
+    phase = dataclasses.replace(first, name="phase")
+    made = by_direction([phase, first], [second], channel="height")
+    assert (made["trace"] is first, made["retrace"] is second) == (True, True)
 
 
 def test_a_signal_that_is_not_one_of_the_file_is_named():
@@ -269,7 +277,7 @@ def test_a_signal_that_is_not_one_of_the_file_is_named():
     with pytest.raises(ImageError, match="2 images must be"):
         by_direction([dataclasses.replace(image, name=f"{image.name} forward") for image in images[:2]])
     with pytest.raises(ImageError, match="0 images of the channel 'height' must be"):
-        by_direction(images, "height")
+        by_direction(images, channel="height")
 
 
 # ---- The command ---------------------------------------------------------------------------------------------------

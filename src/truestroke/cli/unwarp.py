@@ -49,8 +49,8 @@ def unwarp(
 
     target = common.to_write("--output", output, IMAGE)
     (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
-    given = scans.read_images(image) + (scans.read_images(retrace) if retrace else [])
-    before = unwarping.by_direction(given, channel)
+    given = [scans.read_images(file) for file in (image, retrace) if file]
+    before = unwarping.by_direction(*given, channel=channel)
     scanned = _recorded(record, lines, columns)
     slow = None if model_y is None else truestroke.load_model(model_y)
     found = truestroke.unwarp(before, scanned, truestroke.load_model(model), slow, align=align)

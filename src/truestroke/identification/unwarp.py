@@ -567,12 +567,12 @@ def _still(apart: float, farther: bool, timing: float) -> str:
     return f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."
 
 
-def by_direction(images: Sequence[Image], channel: str | None = None) -> dict[str, Image]:
-    """Images of files as trace and retrace: by their names, or in this order.
+def by_direction(*files: Sequence[Image], channel: str | None = None) -> dict[str, Image]:
+    """Images of files as trace and retrace: one of each of two files in this order, else by their names, or in order.
 
     Parameters
     ----------
-    images : sequence of Image
+    files : sequences of Image
         Of one signal, or of several.
     channel : str, optional
         Part of the name of the signal, where there are several; case does not count.
@@ -582,10 +582,14 @@ def by_direction(images: Sequence[Image], channel: str | None = None) -> dict[st
     ImageError
         There are not one or two images of the channel; the message names them all.
     """
-    chosen = [image for image in images if channel is None or channel.casefold() in image.name.casefold()]
+    part = (channel or "").casefold()
+    parts = [[image for image in images if part in image.name.casefold()] for images in files]
+    if [len(images) for images in parts] == [1, 1]:
+        return dict(zip(DIRECTIONS, (image for (image,) in parts), strict=True))
+    chosen = [image for images in parts for image in images]
     directions = [_direction(image.name) for image in chosen]
     if not 1 <= len(chosen) <= 2 or directions in (["trace"] * 2, ["retrace"] * 2):
-        names = ", ".join(repr(image.name) for image in images)
+        names = ", ".join(repr(image.name) for images in files for image in images)
         of = "" if channel is None else f" of the channel {channel!r}"
         raise ImageError(
             f"{len(chosen)} images{of} must be a trace, or a trace and a retrace: by `channel` take those whose "

@@ -284,7 +284,13 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     rows, moved = (0, 0.0) if exact else level(z, x, *quietest)
     ways = (
         ("displacement", "voltage", "um", "V", rows if rows >= CUT * x.size else 0, moved),
-        ("voltage", "displacement", "V", "um", *clipped_volts(x, z, *reversed(quietest))),
+        (
+            "voltage",
+            "displacement",
+            "V",
+            "um",
+            *(clipped_volts(x, z, *reversed(quietest)) if found.clipped_volts else (0, 0.0)),
+        ),
     )
     for name, beside, unit, its, cut, moved in ways:
         if cut:
