@@ -1,8 +1,8 @@
 """When a move settles to 1 %, while hysteresis and creep are learned: python benchmarks/settling.py
 
 Steps of `trajectories.step(settle=dynamics)` every 50 ms or 8 periods, with the true dynamics and with f0 5 % wrong.
-`--inverted` sets up to which frequency the motion is inverted in full, and from which one not at all, in first
-resonances.
+`--further` adds modes, each by its frequency over the first one and its share. `--inverted` sets up to which frequency
+the motion is inverted in full, and from which one not at all, in first resonances.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ def main() -> None:
     parser.add_argument(
         "--stages", nargs="+", default=["700,0.02", "300,0.01"], help="first resonance, Hz, and damping"
     )
+    parser.add_argument("--further", nargs="+", default=[], help="further modes: frequency over the first, and share")
     parser.add_argument("--rates", nargs="+", type=float, default=[10_000.0], help="Hz")
     parser.add_argument("--kinds", nargs="+", default=["plays", "preisach", "bouc-wen"])
     parser.add_argument("--heights", nargs="+", type=float, default=[5.0], help="um")
@@ -61,15 +62,18 @@ def main() -> None:
     options = parser.parse_args()
     if options.inverted:
         stage.INVERTED = (tuple(options.inverted),)
+    further = [tuple(map(float, of.split(","))) for of in options.further]
+    ratios, shares = [1.0, *(ratio for ratio, _ in further)], [share for _, share in further]
     print("   f0 damping   kHz hysteresis    um  f0 known   periods to 1 %: 0.3 to 1 s, last second   after 1.5, %")
     for of, rate, kind, height in itertools.product(options.stages, options.rates, options.kinds, options.heights):
         first, damping = map(float, of.split(","))
         settings = StageSettings(
-            sample_rate=rate, resonances=(first,), dampings=(damping,), hysteresis_kind=kind, noise=options.noise
-        )
+            sample_rate=rate, resonances=tuple(ratio * first for ratio in ratios), dampings=(damping,) * len(ratios),
+            shares=(1 - sum(shares), *shares), hysteresis_kind=kind, noise=options.noise,
+        )  # fmt: skip
         for wrong in (0.95, 1.0, 1.05):
             right = settings.dynamics()
-            modes = (replace(right.modes[0], frequency=wrong * first),)
+            modes = tuple(replace(mode, frequency=wrong * mode.frequency) for mode in right.modes)
             known = replace(right, modes=modes, trusted_to=wrong * first)
             early, late, after = periods(settings, known, height, options.duration)
             name = f"{first:5.0f} {damping:7.3f} {rate / 1000:5.0f} {kind:10} {height:5.1f} {wrong:9.2f}"

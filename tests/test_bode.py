@@ -139,8 +139,10 @@ def test_a_controller_takes_a_measurement_that_is_early(relative: float, ticks: 
         (5000.0, [(127.6, 0.0272, 0.785), (334.3, 0.0272, 0.215)], 3),
         (20000.0, [(94.3, 0.0617, 1.0)], 2),
         (20000.0, [(68.1, 0.0035, 1.0)], 0),
+        (5000.0, [(176.3, 0.0319, 0.7), (326.7, 0.0319, 0.15), (514.1, 0.0319, 0.15)], 0),
+        (10000.0, [(668.0, 0.385, 1.0)], 0),
     ],
-    ids=["one mode", "a second mode as high as the first", "soft", "soft, hardly damped"],
+    ids=["one mode", "a second mode as high as the first", "soft", "soft, hardly damped", "three", "damped"],
 )
 def test_hysteresis_far_below_the_resonance_does_not_spoil_the_stage(
     rate: float, modes: list[tuple[float, float, float]], dead: int

@@ -199,11 +199,48 @@ def test_a_step_excites_no_second_mode_and_keeps_its_limits():
         sample_rate=1e4,
         modes=(Mode(frequency=500.0, damping=0.02, share=0.9), Mode(frequency=1300.0, damping=0.01, share=0.1)),
     )
-    t, z = answer(tr.step(settle=both, hold=0.02, ramp=0.0, duration=0.04, sample_rate=1e4).position, 1e4, 1300.0, 0.01)
-    assert np.abs(z - 5.0)[t >= 0.02 + 1.5 / 500].max() < 0.01
+    wave = tr.step(settle=both, hold=0.02, ramp=0.0, duration=0.04, sample_rate=1e4)
+    t, z = answer(wave.position, 1e4, 1300.0, 0.01)
+    assert wave.settings["rise"] < 1.5 / 500
+    assert 0.1 * np.abs(z - 5.0)[t >= 0.02 + wave.settings["rise"] + 1e-4].max() < 0.005  # um, of its share
     slow = tr.step(settle=both, velocity_limit=1500.0, acceleration_limit=3e6, hold=0.02, duration=1.0, sample_rate=1e4)
     assert 1425.0 < slow.peak_speed <= 1500.0
     assert slow.peak_acceleration <= 3e6
+
+
+def of_several_modes(number):
+    """Two or three modes, some near to each other: exact zeros at all would shake a stage by many times the height."""
+    random, count = np.random.default_rng(number), 2 + number % 2
+    ratios = 1.0, random.uniform(1.2, 2.0), random.uniform(2.1, 3.5)
+    shares = (0.8, 0.2) if count == 2 else (0.7, 0.2, 0.1)
+    dampings = np.exp(random.uniform(np.log(0.005), np.log(0.08), 3))
+    each = zip(ratios, dampings, shares, strict=False)
+    modes = tuple(Mode(frequency=300.0 * ratio, damping=zeta, share=share) for ratio, zeta, share in each)
+    return Dynamics(sample_rate=1e4, modes=modes)
+
+
+@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("factor", [0.95, 1.0, 1.05])
+def test_a_step_between_several_modes_settles_and_does_not_swing(number, factor):
+    known = of_several_modes(number)
+    wave = tr.step(settle=known, hold=0.04, ramp=0.0, duration=0.08, sample_rate=1e4)
+    assert wave.settings["rise"] < 2.0 / 300
+    assert -0.05 < wave.position.min() <= wave.position.max() < 5.05
+    parts = [(mode.share, answer(wave.position, 1e4, factor * mode.frequency, mode.damping)) for mode in known.modes]
+    t, z = parts[0][1][0], sum(share * answered for share, (_, answered) in parts)
+    assert np.abs(z - 5.0)[t >= 0.04 + wave.settings["rise"] + 2e-4].max() < 0.012 * 5.0
+    assert z.max() < 5.0 * 1.02
+
+
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("frequency", [20.0, 40.0, 90.0])
+def test_a_turn_between_several_modes_does_not_swing(number, frequency):
+    """The turn goes as far beyond its line as one that knows of no modes, and at most a fifth of it further."""
+    asked = {"frequency": frequency, "peak_to_peak": 10.0, "duration": 1.0, "sample_rate": 1e4}
+    wave = tr.raster(turn=of_several_modes(number), **asked)
+    plain = tr.raster(turn=wave.settings["turn"], **asked)
+    assert wave.settings["line"] > 0.8 * plain.settings["line"]
+    assert np.abs(wave.acceleration[3000:]).max() < 6 * np.abs(plain.acceleration[3000:]).max()
 
 
 def test_a_step_has_nothing_at_the_zero_between_two_modes():

@@ -31,6 +31,13 @@ TURNING = 0.4  # share of the period that turns longer than 1.4 periods may take
 SHORT_RISE = 0.25  # periods of the first mode: duration of the move that a shaper repeats
 SMOOTH = 6.0  # periods of a mode in a move: in a longer one it is hardly excited, whatever the shape
 LONGER = 1.02  # factor from one duration that is tried to the next
+SETTLED = 0.01  # of the height of a step: vibration after it, with resonances that are known within `KNOWN`
+KNOWN = 0.05  # relative: error of the resonances up to which a step settles
+VIBRATION = 1e-3  # of the height: vibration of a further mode that counts as much as the others below
+WRONG = 0.02  # relative: error of the frequency of a further mode whose vibration counts as well
+RINGING = 1e-2  # of the height: strain that rings at a zero between the modes
+JERK = 200.0  # of the height, over the cube of the duration, rms: a minimum-jerk move has 27
+FURTHER = 4  # polynomials more than there are conditions
 SHAPERS = ("zv", "zvd", "ei")
 SHAPES = ("polynomial", *SHAPERS)
 
@@ -117,10 +124,12 @@ def settling_move(
         Modes of the stage.
     shape : str
         "polynomial": s'(u) = (u (1 - u))^3 times the polynomial of least degree for which the transform of the velocity
-        has a double zero at the pole of the first mode, and a zero at those of the others and at the zeros between the
-        modes, where a controller that inverts the dynamics would need a large strain. It takes 1.4 periods of the
-        first mode. Its jerk is continuous, so that the samples of its acceleration, which a controller that inverts the
-        dynamics sends, excite nothing either. "zv", "zvd", "ei": a minimum-jerk move of a quarter of a period, repeated
+        has a double zero at the pole of the first mode. With further modes it has the least sum of squares of what they
+        vibrate, of the strain that rings at the zeros between the modes, where a controller that inverts the dynamics
+        needs much of it, and of the jerk: exact zeros at all of them would shake the stage by many times the height.
+        It takes 1.4 periods of the first mode, or, with further modes, as long as it needs to settle within 1 %. Its
+        jerk is continuous, so that the samples of its acceleration, which a controller that inverts the dynamics
+        sends, excite nothing either. "zv", "zvd", "ei": a minimum-jerk move of a quarter of a period, repeated
         with the `impulses` of the shaper; they take 0.75, 1.25 and 1.25 periods.
     velocity, acceleration : float
         Largest values that are allowed, of a move of height 1, 1/s and 1/s^2: the move takes as long as they demand.
@@ -154,14 +163,23 @@ def settling_move(
     while True:
         move = _of_rise(dynamics, shape, rise)
         faster, harder = np.divide(move.peaks(), (velocity, acceleration))
-        if faster <= 1 and harder <= 1:
+        if faster <= 1 and harder <= 1 and (shape != "polynomial" or _settles(move, dynamics)):
             return move
         rise *= LONGER
 
 
+def _settles(move: Move, dynamics: Dynamics) -> bool:
+    """Whether the vibration after a move is small, also where all resonances are known within `KNOWN` only."""
+    for factor in (1 - KNOWN, 1 + KNOWN):
+        each = [abs(mode.share) * move.vibration(factor * mode.frequency, mode.damping) for mode in dynamics.modes]
+        if len(each) > 1 and sum(each) > SETTLED:
+            return False
+    return True
+
+
 def _of_rise(dynamics: Dynamics, shape: str, rise: float) -> Move:
     if shape == "polynomial":
-        return Move(_solved(rise, _zeros(dynamics, rise), ends=3, centred=False), rise)
+        return Move(_without_vibration(dynamics, rise, ends=3, centred=False), rise)
     repeated = impulses(dynamics.modes[0], shape)
     return Move(minimum_jerk(rise).polynomial, rise, repeated)
 
@@ -186,14 +204,15 @@ def reversal(duration: float, dynamics: Dynamics | None = None) -> Move:
     """The course of a turn: the velocity goes from v to -v as v (1 - 2 s(u)), and the line back begins where it ended.
 
     s'(u) = (u (1 - u))^2 times a polynomial, so that the jerk is continuous; the integral of s is 1/2. With dynamics
-    its transform has the zeros of `settling_move`: the turn leaves no vibration.
+    the polynomial is that of `settling_move`: the turn leaves no vibration.
 
     >>> turn = reversal(1e-3)
     >>> [round(float(s), 4) for s in turn.at(np.array([0.0, 2.5e-4, 5e-4, 1e-3]))[0]]
     [0.0, 0.1035, 0.5, 1.0]
     """
-    zeros = [] if dynamics is None else _zeros(dynamics, duration)
-    return Move(_solved(duration, zeros, ends=2, centred=True), duration)
+    if dynamics is None:
+        return Move(_solved(duration, [], ends=2, centred=True), duration)
+    return Move(_without_vibration(dynamics, duration, ends=2, centred=True), duration)
 
 
 def impulses(mode: Mode, shaper: str, tolerance: float = 0.01) -> tuple[tuple[float, float], ...]:
@@ -230,12 +249,34 @@ def _pole(frequency: float, damping: float) -> complex:
     return complex(-damping * w, w * math.sqrt(1 - damping**2))
 
 
-def _zeros(dynamics: Dynamics, duration: float) -> list[tuple[complex, int]]:
-    """Poles and zeros between them that a move of this duration, s, excites, and the order of its zero at each."""
-    excited = [mode for mode in dynamics.modes if mode.frequency * duration < SMOOTH]
-    poles = [(_pole(mode.frequency, mode.damping), 1 if i else 2) for i, mode in enumerate(excited)]
-    between = (complex(zero) for zero in zeros_of(dynamics.modes) if zero.imag > 0)
-    return poles + [(zero, 1) for zero in between if abs(zero) * duration < 2 * math.pi * SMOOTH]
+Zero = tuple[complex, int]
+"""Where a transform is 0, and how often."""
+Weight = tuple[complex, int, float]
+"""Where a transform or a derivative is to be small: a root, the order of the derivative, and how small, inverted."""
+
+
+def _without_vibration(dynamics: Dynamics, duration: float, *, ends: int, centred: bool) -> Legendre:
+    """s(u) of a move of this duration, s, after which the modes are at rest."""
+    first, *others = dynamics.modes
+    zeros = [(_pole(first.frequency, first.damping), 2)] if first.frequency * duration < SMOOTH else []
+    small = list[Weight]()
+    for mode in others:
+        if mode.frequency * duration < SMOOTH:
+            pole, share = _pole(mode.frequency, mode.damping), abs(mode.share)
+            small += [(pole, 0, share / VIBRATION), (pole, 1, share * WRONG * abs(pole) * duration / VIBRATION)]
+    for zero in map(complex, zeros_of(dynamics.modes)):
+        if zero.imag > 0 and abs(zero) * duration < 2 * math.pi * SMOOTH:
+            small.append((zero, 0, _ringing(dynamics.modes, zero) / RINGING))
+    return _solved(duration, zeros, small, ends=ends, centred=centred)
+
+
+def _ringing(modes: Sequence[Mode], zero: complex) -> float:
+    """Amplitude of the strain that rings at a zero of the modes, over the transform of the velocity there."""
+    slope = 0j
+    for mode in modes:
+        w = 2 * math.pi * mode.frequency
+        slope -= mode.share * w**2 * 2 * (zero + mode.damping * w) / (zero**2 + 2 * mode.damping * w * zero + w**2) ** 2
+    return 2 / abs(zero * slope)
 
 
 @cache
@@ -267,12 +308,16 @@ def _parts(number: int, ends: int) -> tuple[list[Legendre], FloatArray]:
     return parts, np.array([part(nodes) for part in parts])
 
 
-def _solved(duration: float, zeros: Sequence[tuple[complex, int]], *, ends: int, centred: bool) -> Legendre:
-    """s(u) from 0 to 1 of least degree: s' = (u (1 - u))^ends times a polynomial, with these zeros of its transform.
+def _solved(
+    duration: float, zeros: Sequence[Zero], small: Sequence[Weight] = (), *, ends: int, centred: bool
+) -> Legendre:
+    """s(u) from 0 to 1: s' = (u (1 - u))^ends times a polynomial, with these zeros of its transform.
 
+    Of least degree; or, where it is to be small elsewhere, with the least sum of squares of that and of the jerk.
     `centred`: the integral of s from 0 to 1 is 1/2.
     """
-    parts, rates = _parts(1 + centred + 2 * sum(order for _, order in zeros), ends)
+    least = 1 + centred + 2 * sum(order for _, order in zeros)
+    parts, rates = _parts(least + (2 * len(small) + FURTHER if small else 0), ends)
     nodes, weights = _quadrature()
     rows, wanted = [rates @ weights], [1.0]
     if centred:
@@ -285,7 +330,22 @@ def _solved(duration: float, zeros: Sequence[tuple[complex, int]], *, ends: int,
             wanted += [0.0, 0.0]
     matrix = np.array(rows)
     scale = np.abs(matrix).max(axis=1)
-    factors = np.linalg.solve(matrix / scale[:, None], np.array(wanted) / scale)
+    exact = matrix / scale[:, None], np.array(wanted) / scale
+    if small:
+        each = [rates @ (w * weights * (1 - nodes) ** n * np.exp(at * duration * (1 - nodes))) for at, n, w in small]
+        jerks = np.array([part.deriv(2)(nodes) for part in parts]) * np.sqrt(weights) / JERK
+        factors = _least_squares(*exact, np.array([row for one in each for row in (one.real, one.imag)] + [*jerks.T]))
+    else:
+        factors = np.linalg.solve(*exact)
     rate: Legendre = sum((c * part for c, part in zip(factors[1:], parts[1:], strict=True)), factors[0] * parts[0])
     whole: Legendre = rate.integ(lbnd=0)
     return whole
+
+
+def _least_squares(matrix: FloatArray, wanted: FloatArray, small: FloatArray) -> FloatArray:
+    """x with matrix @ x = wanted and the least sum of squares of small @ x."""
+    count = wanted.size
+    q, r = np.linalg.qr(matrix.T, mode="complete")
+    x = q[:, :count] @ np.linalg.solve(r[:count].T, wanted)
+    free = q[:, count:]
+    return np.asarray(x - free @ np.linalg.lstsq(small @ free, small @ x, rcond=None)[0])

@@ -184,7 +184,7 @@ def _sensor(frequency: FloatArray, delay: float, bandwidth: float) -> ComplexArr
 
 
 def _peak(spectra: Spectra, local: LocalResponse) -> float:
-    """Frequency of the first resonance, Hz: of the first peak that is prominent, or of the highest where none is."""
+    """Frequency of the first resonance, Hz: of the first peak that is prominent, or where the phase turns by 90 deg."""
     f, seen = spectra.frequency, local.coherence > SEEN_AT_ALL
     if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
         level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
@@ -199,7 +199,10 @@ def _peak(spectra: Spectra, local: LocalResponse) -> float:
         begin = STILL + int(np.argmax(prominent[STILL:]))
         magnitude[np.searchsorted(f, RISE * f[begin]) :] = 0.0
         magnitude[:begin] = 0.0
-    return float(f[np.argmax(magnitude)])
+        return float(f[np.argmax(magnitude)])
+    # A damped mode hardly has a peak, and hysteresis lifts the lowest lines.
+    turned = seen & (smoothed(np.unwrap(np.angle(local.response)), 2) < -math.pi / 2)
+    return float(f[np.argmax(turned if turned.any() else magnitude)])
 
 
 def _delay(spectra: Spectra, local: LocalResponse, peak: float) -> float:

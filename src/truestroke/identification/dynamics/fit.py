@@ -19,10 +19,11 @@ SLOW = 1.0, 50.0, 0.5  # Hz, Hz, of the first resonance: least and largest corne
 CREEP = 0.06  # at most: the exponent of its power law
 CANDIDATES = 400  # frequencies at which another mode is looked for
 NEEDED = 5  # numbers of a mode: frequency, damping, share and two of its transient
-FLAT = 0.3  # damping: a mode with more is no resonance
+FLAT = 0.6  # damping: a mode with more is no resonance
 VAGUE = 0.02, 0.4  # relative: standard deviations of frequency and damping beyond which a mode is not known
 ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
+POOR = 5.0  # cost of a line of a fit that may be of another minimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +326,7 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
 
     `first` is the frequency of the first mode, Hz, and `delay` the dead time, ticks, to begin with.
     """
-    frequency, damping, lag, made = [first], [0.02], 0.3, list[Fit]()
+    frequency, damping, lag, rough, made = [first], [0.02], 0.3, delay, list[Fit]()
     while True:
         count = len(frequency)
         starts = [(True, delay, lag), (False, delay, lag)]
@@ -333,16 +334,34 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
             starts += [(True, 0.2 * delay, 0.8 * delay)]
         tried = [Problem(spectra, count, known).run(frequency, damping, d, tau) for known, d, tau in starts]
         best = min(tried, key=lambda fit: fit.evidence)
+        if count > 1 and best.cost > POOR * best.response.size:  # fewer modes had dead time and lag that are wrong
+            tried += [Problem(spectra, count, known).run(frequency, damping, rough, 0.3) for known in (True, False)]
+            best = min(tried, key=lambda fit: fit.evidence)
         worse = bool(made) and best.evidence >= min(fit.evidence for fit in made)
         made += tried
         candidate, gained = next_mode(spectra, best)
         enough = 2 * gained < NEEDED * math.log(2 * spectra.U.size)
-        lost = count == 1 and not best.resonates(0)  # beside a second mode that is as high, one alone fits neither
-        if lost and most > 1 and ASIDE * first < spectra.frequency[-1]:
-            frequency, damping = [first, next_mode(spectra, best, ASIDE * first)[0]], [0.02, 0.02]
+        lost = not best.resonates(int(np.argmin(best.frequency)))
+        if worse or enough or count == most or (lost and ASIDE * first >= spectra.frequency[-1]):
+            break
+        if lost:  # beside others that are as high, too few modes fit none: the first one is where its peak is
+            found = [f for i, f in enumerate(best.frequency) if f > ASIDE * first and best.resonates(i)]
+            frequency = sorted([first, *found, next_mode(spectra, best, ASIDE * first)[0]])
+            damping = [0.02] * len(frequency)
             continue
-        if worse or enough or count == most or not best.resonates(int(np.argmin(best.frequency))):
-            return sorted(made, key=lambda fit: fit.evidence)
         modes = sorted([*zip(best.frequency, best.damping, strict=True), (candidate, 0.01)])
         frequency, damping = ([float(mode[i]) for mode in modes] for i in range(2))
         delay, lag = best.delay * spectra.sample_rate, max(best.lag * spectra.sample_rate, 0.3)
+    made += [_without(spectra, fit) for fit in tried if count > 1 and 0 < sum(_resonate(fit)) < count]
+    return sorted(made, key=lambda fit: fit.evidence)
+
+
+def _resonate(fit: Fit) -> list[bool]:
+    return [fit.resonates(i) for i in range(fit.frequency.size)]
+
+
+def _without(spectra: Spectra, fit: Fit) -> Fit:
+    """Without the modes that are none, from what it has found beside them."""
+    kept, rate = _resonate(fit), spectra.sample_rate
+    frequency, damping = ([float(x) for x in numbers[kept]] for numbers in (fit.frequency, fit.damping))
+    return Problem(spectra, sum(kept), fit.lag > 0).run(frequency, damping, fit.delay * rate, max(fit.lag * rate, 0.01))
