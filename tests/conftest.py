@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
+from xdist.workermanage import WorkerController
 
 from truestroke.base import files
 
@@ -88,6 +89,13 @@ class ByComputation(LoadScopeScheduling):
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
         return nodeid if file.endswith(ALONE) else file
+
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        """Without the units that are done, whose tests xdist counts anew behind each test of the process."""
+        work = self.assigned_work[node]
+        for unit in [unit for unit, tests in work.items() if all(tests.values())]:
+            del work[unit]
+        super()._assign_work_unit(node)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByComputation:

@@ -457,3 +457,12 @@ def test_a_motion_above_the_resonance_is_too_fast_and_no_wrong_sign(sign: float)
     else:
         assert any("the sign of sensor or actuator is wrong" in one for one in reasons)
         assert "faster" not in " ".join(reasons)
+
+
+def test_whether_a_motion_is_too_fast_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two checks of a bad run ask for it."""
+    asked, find = [], judgement._faster_than_stage
+    monkeypatch.setattr(judgement, "_faster_than_stage", lambda run: asked.append(run) or find(run))
+    wave = 10.0 * np.sin(2 * np.pi * 20.0 * np.arange(4000) / RATE)
+    assert judge(made(noisy(-wave), wave, volts=0.1 * wave)).level == "bad"
+    assert len(asked) == 1

@@ -206,7 +206,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("resonance_rate", &c.rate, 1);
     visit("guard", &c.guard.low, (offsetof(ts_guard, ticks) - offsetof(ts_guard, low)) / sizeof(ts_real));
     visit("guard_windows", &c.guard.ticks, (offsetof(ts_guard, kept) - offsetof(ts_guard, ticks)) / sizeof(int));
-    visit("guard_found", &c.guard.kept, 5);
+    visit("guard_found", &c.guard.kept, (offsetof(ts_guard, lost) - offsetof(ts_guard, kept)) / sizeof(bool) + 1);
     visit("guard_errors", &c.guard.errors.first, 3);
     visit("guard_errors_counted", &c.guard.errors.counted, 1);
     visit("guard_missed", &c.guard.missed.first, 3);

@@ -177,6 +177,11 @@ class _Run:
         measured = float(np.sqrt(max(0.0, _rms(self.error[self.half]) ** 2 - self.noise**2)))
         return max(measured, self.metrics.true_rmse_um or 0.0)
 
+    @cached_property
+    def too_fast(self) -> Finding | None:
+        """Made once: two checks ask for it."""
+        return _faster_than_stage(self)
+
     def windows(self) -> FloatArray:
         """Rms of the usable errors in each window of 0.25 s, one after the other, um; of a shorter run, one."""
         return np.sqrt(np.maximum(0.0, self._rms_of_windows(self.error) ** 2 - self.noise**2))
@@ -239,6 +244,10 @@ def _limited(run: _Run, flag: str, words: str) -> Finding | None:
 
 
 def _too_fast(run: _Run) -> Finding | None:
+    return run.too_fast
+
+
+def _faster_than_stage(run: _Run) -> Finding | None:
     """A motion that a volt moves less than half as far as it does slowly: the cause of what else is found then."""
     if run.rmse <= NOT_FOLLOWED * run.tolerable or "volts" not in run.recording or not run.usable.any():
         return None
@@ -293,7 +302,7 @@ def _gain(run: _Run) -> Finding | None:
     deviation = float(np.std(residual)) / spread / np.sqrt(max(1.0, known.sum() / COLOURED))
     if abs(gain - 1) < STANDS or abs(gain - 1) < SURE * deviation:
         return _hidden(run) if SURE * deviation > STANDS else None
-    if _too_fast(run):
+    if run.too_fast:
         return None  # above its resonance a stage goes against its voltage
     what = "the actuator did not follow, or this is not its sensor"
     if gain < -0.1 or _answers_backwards(run):

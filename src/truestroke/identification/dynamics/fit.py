@@ -6,6 +6,7 @@ import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,6 +25,7 @@ VAGUE = 0.02, 0.4  # relative: standard deviations of frequency and damping beyo
 ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
 POOR = 5.0  # cost of a line of a fit that may be of another minimum
+KEPT = 8  # parts of the response to the last numbers: a derivative changes one number, and most parts remain
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +163,8 @@ class Problem:
         lines = np.round(spectra.frequency * spectra.ticks / spectra.sample_rate).astype(int)
         drifts = [t, t**2, np.log(t + 0.02)]  # slow: warming, creep after the ramp to the bias
         self.slow = np.array([np.fft.rfft(drift)[lines] for drift in drifts]).T
+        self._mode, self._decays = lru_cache(KEPT * modes)(self._mode_of), lru_cache(KEPT * modes)(self._decays_of)
+        self._around = lru_cache(KEPT)(self._around_of)
 
     # Nonlinear numbers: log f, log zeta of each mode; delay (ticks), the relaxing part, log of its corner (Hz), creep;
     # log(lag / tick).
@@ -181,17 +185,20 @@ class Problem:
     def basis(self, x: FloatArray) -> ComplexArray:
         """Response of each mode with a share of 1, behind lag, delay, hysteresis and creep."""
         delay, part, corner, creep = x[2 * self.modes : 2 * self.modes + 4]
-        around = small_hysteresis(self.s.frequency, (part, math.exp(corner), creep), self.s.frequency[-1])
-        return np.array([self.mode(x, i, delay) * around for i in range(self.modes)]).T
+        around, lag = self._around(part, corner, creep), x[-1] if self.lag else None
+        return np.array([self._mode(*x[2 * i : 2 * i + 2], delay, lag) * around for i in range(self.modes)]).T
 
-    def mode(self, x: FloatArray, i: int, delay: float) -> ComplexArray:
+    def _around_of(self, part: float, corner: float, creep: float) -> ComplexArray:
+        return small_hysteresis(self.s.frequency, (part, math.exp(corner), creep), self.s.frequency[-1])
+
+    def _mode_of(self, frequency: float, damping: float, delay: float, lag: float | None) -> ComplexArray:
         """Pulse transfer of a mode behind the lag, by partial fractions."""
-        pole = self.pole(x, i)
+        pole = self.pole(frequency, damping)
         w2 = abs(pole) ** 2
         residue = w2 / (2j * pole.imag)
-        if not self.lag:
+        if lag is None:
             return self.pair(pole, residue, delay)
-        fast = -math.exp(-x[-1])
+        fast = -math.exp(-lag)
         residue = residue * -fast / (pole - fast)
         alone = -fast * w2 / ((fast - pole) * (fast - pole.conjugate())).real
         return np.asarray(self.pair(pole, residue, delay) + alone * pulse_transfer(complex(fast), delay, self.z))
@@ -202,19 +209,20 @@ class Problem:
         other = pulse_transfer(pole.conjugate(), delay, self.z)
         return np.asarray(residue * one + np.conj(residue) * other)
 
-    def pole(self, x: FloatArray, i: int) -> complex:
+    def pole(self, frequency: float, damping: float) -> complex:
         """Of a mode, times the tick."""
-        w, damping = 2 * math.pi * math.exp(x[2 * i]) / self.s.sample_rate, math.exp(x[2 * i + 1])
+        w, damping = 2 * math.pi * math.exp(frequency) / self.s.sample_rate, math.exp(damping)
         return complex(-damping * w, w * math.sqrt(1 - damping**2))
 
     def transients(self, x: FloatArray) -> ComplexArray:
         """What the difference of the states at both ends of the record adds: free decays; and the slow drifts."""
-        columns = []
-        for i in range(self.modes):
-            ratio = np.exp(self.pole(x, i))
-            one, other = 1 / (1 - ratio / self.z), 1 / (1 - np.conj(ratio) / self.z)
-            columns += [one + other, 1j * (one - other)]
+        columns = [column for i in range(self.modes) for column in self._decays(*x[2 * i : 2 * i + 2])]
         return np.column_stack([*columns, self.slow])
+
+    def _decays_of(self, frequency: float, damping: float) -> tuple[ComplexArray, ComplexArray]:
+        ratio = np.exp(self.pole(frequency, damping))
+        one, other = 1 / (1 - ratio / self.z), 1 / (1 - np.conj(ratio) / self.z)
+        return one + other, 1j * (one - other)
 
     def run(self, frequency: Sequence[float], damping: Sequence[float], delay: float, lag: float = 0.3) -> Fit:
         """From starting values: Hz and 1 of the modes, dead time and lag in ticks."""

@@ -138,6 +138,15 @@ class Minimum(NamedTuple):
     G: FloatArray
 
 
+class Fitted(NamedTuple):
+    """Of a delay and a lag: sum of squares, um^2, coefficients, and G, g of their Gauss-Newton step, G step = g."""
+
+    squares: float
+    c: FloatArray
+    G: FloatArray
+    g: FloatArray
+
+
 @dataclass(eq=False)
 class _Quick:
     """Columns of the quick model before dead time and lag; times are in samples."""
@@ -150,6 +159,7 @@ class _Quick:
     variance: float  # um^2, of the whitened residual
 
     def __post_init__(self) -> None:
+        self._counted = _as_slice(self.known)
         self._whiten_by(np.ones(1))
 
     @property
@@ -163,16 +173,25 @@ class _Quick:
 
         first, ones = self.columns[:1], np.ones((len(self.columns), 1))
         self._above = lfilter(white, [1.0], self.columns - first, axis=0)
-        self._first = lfilter(white, [1.0], ones, axis=0)[self.known] * first
-        self._target = lfilter(white, [1.0], self.displacement)[self.known]
+        self._first = lfilter(white, [1.0], ones, axis=0)[self._counted] * first
+        self._target = lfilter(white, [1.0], self.displacement)[self._counted]
+        self._fits: dict[tuple[float, float], Fitted] = {}
 
-    def fit(self, delay: float, lag: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-        """Sum of squares, coefficients, and G, g of the Gauss-Newton step of delay and lag, G step = g."""
-        h = 0.05
-        pull = np.sqrt(self.variance * (1 + PULL * self.rows)) * self.pull
-        behind = respond_rows(self._above, delay, lag)[self.known] + self._first
-        W, t = np.vstack([pull[:, :-1], behind]), np.concatenate([pull[:, -1], self._target])
-        R = normal.reduced(np.column_stack([W, t]))
+    def fit(self, delay: float, lag: float) -> Fitted:
+        """Made once for each delay and lag until the next `whiten`: several searches begin and end at the same ones."""
+        at = float(delay), float(lag)
+        if at not in self._fits:
+            self._fits[at] = self._fitted(*at)
+        return self._fits[at]
+
+    def _fitted(self, delay: float, lag: float) -> Fitted:
+        h, pull = 0.05, np.sqrt(self.variance * (1 + PULL * self.rows)) * self.pull
+        rows = np.empty((len(pull) + self._target.size, pull.shape[1]))
+        rows[: len(pull)] = pull
+        W, t = rows[:, :-1], rows[:, -1]
+        np.add(respond_rows(self._above, delay, lag)[self._counted], self._first, out=W[len(pull) :])
+        t[len(pull) :] = self._target
+        R = normal.reduced(rows)
         U, S, V = np.linalg.svd(R[:, :-1], full_matrices=False)
         seen = S / S[0] > SEEN
         inverse = V[seen].T / S[seen]
@@ -183,10 +202,10 @@ class _Quick:
             (respond(y, delay + h, lag) - respond(y, max(delay - h, 0.0), lag)) / (h + min(h, delay)),
             (respond(y, delay, lag + h) - respond(y, delay, max(lag - h, 0.0))) / (h + min(h, lag)),
         )
-        D[len(pull) :] = np.column_stack(slopes)[self.known]
+        D[len(pull) :] = np.column_stack(slopes)[self._counted]
         for _ in range(2):  # without what the columns explain; again, for rounding
             D -= W @ (inverse @ (inverse.T @ (W.T @ D)))
-        return float(np.sum((R[:, -1] - R[:, :-1] @ c) ** 2)), c, D.T @ D, D.T @ (t - W @ c)
+        return Fitted(float(np.sum((R[:, -1] - R[:, :-1] @ c) ** 2)), c, D.T @ D, D.T @ (t - W @ c))
 
     def least(self, delay: float, lag: float, fixed: int | None = None) -> Minimum:
         """The least sum of squares from a start; `fixed` keeps one of the two."""
@@ -274,6 +293,14 @@ class _Quick:
             if start[k] == 0.0 and lost <= 1:
                 break
         return found
+
+
+def _as_slice(rows: npt.NDArray[np.bool_]) -> slice | npt.NDArray[np.bool_]:
+    """The rows as a slice where they are all in a row, of which NumPy makes no copy; else as they are."""
+    places = np.flatnonzero(rows)
+    if not places.size or places[-1] - places[0] >= places.size:
+        return rows
+    return slice(int(places[0]), int(places[-1]) + 1)
 
 
 def _squares(entry: Minimum) -> float:
