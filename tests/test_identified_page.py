@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from truestroke.cli import main
-from truestroke.cli.identify import _files
+from truestroke.cli.identify import _files, _the_model_is_there
 from truestroke.identification import HeldOut, Record, examine, identify, read_record
 from truestroke.identification.fitting.regression import Structure
 from truestroke.identification.fitting.select import Tried
@@ -214,3 +214,9 @@ def test_the_measured_stack():
     words = text(model_page(found, record).html())
     assert f"{found.held_out.rmse_percent:.2f} % of stroke rmse" in words
     assert "the record is not informative about rate dependence" in words
+
+
+def test_an_interrupted_page_says_that_the_model_is_there(capsys):
+    with pytest.raises(KeyboardInterrupt), _the_model_is_there(Path("model.toml")):
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == "truestroke: model.toml has the model; its page and pictures are not complete\n"

@@ -94,6 +94,17 @@ def test_a_shift_in_time_is_said_with_its_size(model):
     assert "ms earlier" in said(score(model, (volts[:-5], moved[5:], fs)), "than predicted")
 
 
+@pytest.mark.parametrize("times", [0.5, 4.0])
+def test_a_wrong_sample_rate_is_said_with_the_right_one(model, times):
+    """Of a model with 10 ms of dead time and a lag of 10 ms, of a record that states another rate than it has."""
+    late = model.replace(delay=0.01, time_constant=0.01)
+    volts, _, fs = day(3)
+    moved = late.forward(volts, fs) + np.random.default_rng(1).normal(0, 0.01, volts.size)
+    assert not [reason for reason in score(late, (volts, moved, fs)).verdict.reasons if "sample rate of" in reason]
+    words = said(score(late, (volts, moved, times * fs)), "at a sample rate of")
+    assert float(words.split("rate of ")[1].split(" Hz")[0]) == pytest.approx(fs, rel=0.05)
+
+
 def test_a_drift_is_said_with_its_size(model):
     volts, moved, fs = day(3)
     found = score(model, (volts, moved + 0.2 * np.arange(volts.size) / fs, fs))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +37,7 @@ def identify(
     findings = common.examined(data, force)
     found = truestroke.identify(data, findings=findings)
     truestroke.save_model(target, found.model)
-    with common.progress("plotting"):
+    with common.progress("plotting"), _the_model_is_there(target):
         from truestroke.report import identified
 
         made = identified.model_page(
@@ -70,6 +72,16 @@ def identify(
     if not found.verdict.is_bad:
         common.suggest(*_next(target, found.model))
     return ExitCode.of(found.verdict)
+
+
+@contextmanager
+def _the_model_is_there(target: Path) -> Iterator[None]:
+    """Where the page is interrupted, a line says that the model is on the disk."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        common.complain(f"{target} has the model; its page and pictures are not complete")
+        raise
 
 
 def _files(output: str, report: str | None) -> tuple[Path, Path]:

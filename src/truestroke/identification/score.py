@@ -31,6 +31,11 @@ MISSED = 0.02  # of the stroke: an error of the start that is a reason
 EXPLAINED = 0.5  # of the rmse remains beside what explains it, at most
 SCALED = 0.005  # by so much another gain differs, at least
 UNIT = 1.1  # times, or less than one part in so many: more than a day, a load or an amplifier changes a gain
+RATES = 10.0 ** (np.arange(-6, 7) / 4)  # times the stated sample rate, among which the true one is looked for
+ANOTHER_RATE = (
+    1.5  # times, or less than one part in so many: a stage whose load has changed is as much faster or slower
+)
+BESIDE = 0.7  # of what remains beside any other cause: beside a sample rate it must be less
 MOSTLY = 0.5  # of the samples: motion that is beyond the record of the model in more of them is a reason at all events
 TIMES = "times as far as predicted"
 THERE = 1.2  # times the rmse elsewhere: then motion beyond the record of the model explains the error
@@ -140,11 +145,10 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
     measured = [slice(start, stop) for start, stop in runs(s.known).tolist()]
-    words = _explained(trace, numbers["rmse_um"], s.sample_rate)
+    noise_um = noise(s.displacement, measured)
+    words = _explained(trace, numbers["rmse_um"], s.sample_rate, model) if _large(numbers, noise_um) else ""
     beyond = model.beyond(s.volts, s.sample_rate, measured=False)
-    verdict = _verdict(
-        model, numbers, noise(s.displacement, measured), words, _causes(beyond, rest, judged, s.sample_rate)
-    )
+    verdict = _verdict(model, numbers, noise_um, words, _causes(beyond, rest, judged, s.sample_rate))
     return Score(**numbers, estimated=offset is None, beyond=beyond, trace=trace, verdict=verdict)
 
 
@@ -172,8 +176,13 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: F
     return np.asarray(interval.COVERED * np.sqrt(motion + model.walk**2 * since))
 
 
-def _explained(trace: Trace, rmse: float, fs: float) -> str:
-    """In words what explains the error: another gain, a shift in time, or a drift; empty where none of them does."""
+def _large(found: dict[str, float], noise_um: float) -> bool:
+    """Whether the error is more than that of the sensor."""
+    return found["rmse_um"] > NOISE * noise_um and found["rmse_percent"] > NEGLIGIBLE
+
+
+def _explained(trace: Trace, rmse: float, fs: float, model: ActuatorModel) -> str:
+    """In words what explains the error: another sample rate or gain, a shift in time, a drift; or empty."""
     judged, predicted = trace.known & trace.held_out, trace.predicted
     causes = {
         "gain": predicted,
@@ -184,6 +193,8 @@ def _explained(trace: Trace, rmse: float, fs: float) -> str:
     found = {name: _fitted(cause[judged], error) for name, cause in causes.items()}
     name = min(found, key=lambda name: found[name][1])
     size, left = found[name]
+    if of_rate := _of_rate(trace, min(BESIDE * left, EXPLAINED * rmse), fs, model):
+        return of_rate
     if left > EXPLAINED * rmse:
         return ""
     remain = f"and {figures(left, 3)} um of the error remain beside that"
@@ -195,6 +206,38 @@ def _explained(trace: Trace, rmse: float, fs: float) -> str:
         words = f"The displacement comes {figures(1e3 * abs(size), 3)} ms {when} than predicted, {remain}"
         return f"{words}: is a filter or the sensor another one, or is a channel of the recording shifted in time?"
     return _of_gain(1 + size, remain)
+
+
+def _of_rate(trace: Trace, least: float, fs: float, model: ActuatorModel) -> str:
+    """Words for another sample rate, where less than `least`, um, of the error remain with it.
+
+    The hysteresis of plays is the same at any rate: dead time, lag, creep and resonances of the model show it. A lag
+    that is longer by as much is the same.
+    """
+    from scipy.optimize import minimize_scalar
+
+    judged = trace.known & trace.held_out
+
+    def left(exponent: float) -> float:
+        try:
+            predicted = model.forward(trace.volts, fs * 10.0 ** float(exponent))
+        except SettingError:  # modes that this rate does not resolve
+            return math.inf
+        return float(np.std((trace.displacement - predicted)[judged]))
+
+    tried = np.log10(RATES)
+    errors = [left(exponent) for exponent in tried]
+    k = int(np.argmin(errors))
+    if not 0 < k < tried.size - 1:
+        return ""
+    fine = minimize_scalar(left, bounds=(tried[k - 1], tried[k + 1]), method="bounded", options={"xatol": 2e-3})
+    if fine.fun > least or abs(fine.x) < math.log10(ANOTHER_RATE):
+        return ""
+    rate, remain = figures(fs * 10.0**fine.x, 2), f"{figures(fine.fun, 3)} um of the error remain with it"
+    words = f"The displacement is as predicted at a sample rate of {rate} Hz, not of {figures(fs, 4)} Hz, and {remain}"
+    return (
+        f"{words}: is `sample_rate`, or the clock of the record, wrong, or are a filter, the sensor or the load others?"
+    )
 
 
 def _fitted(cause: FloatArray, error: FloatArray) -> tuple[float, float]:

@@ -157,7 +157,8 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
 def _listing(table: Table) -> str:
     shown = ", ".join(_heading(table, i) for i in range(min(table.width, LISTED)))
     more = table.width - LISTED
-    return f"there are {shown}" + (f" and {more} more: are the signals in rows? Transpose them" if more > 0 else "")
+    shown = f"there {'is' if table.width == 1 else 'are'} {shown}"
+    return shown + (f" and {more} more: are the signals in rows? Transpose them" if more > 0 else "")
 
 
 def _heading(table: Table, index: int) -> str:

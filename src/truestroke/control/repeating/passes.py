@@ -27,6 +27,7 @@ UNKNOWN = 0.01  # of the sample rate: without dynamics the response is known to 
 NEIGHBOURS = 1.5  # frequencies: standard deviation of the window over what is known of R
 ERRORS = 4.0  # the same over the power of the error
 NOISY = 1.5  # times the noise: power of an error that is not learned
+SLOW = 0.1  # of the rms of the motion: a step of so much, such as creep or plays that begin elsewhere, is no response
 LOST = 0.25  # of the response of the model: where the stage follows less, it is not learned
 
 
@@ -135,7 +136,9 @@ def _ratio(
     """R and its variance, from the first pass and from what each change made, each without its mean: a zero is no gain.
 
     What hysteresis moves from one frequency to others counts as noise: a tenth of the amplitude, falling with the
-    multiple h of the motion's mean frequency, and where the motion itself has its power.
+    multiple h of the motion's mean frequency, and where the motion itself has its power. So does a step of a tenth of
+    the amplitude, whose spectrum falls with f: where the motion has little power at low frequencies, creep and the
+    state that a pass begins in are most of what is seen there.
     """
     power = np.abs(D) ** 2
     mean = math.sqrt(float(np.sum(f**2 * power) / np.sum(power)))
@@ -143,12 +146,14 @@ def _ratio(
     cell = np.floor(h - 0.5).astype(np.int64)
     shape = _mean(np.abs(spectra[-1][0]) ** 2)
     shape = shape / np.maximum(np.bincount(cell, shape)[cell], 1e-300) / h ** (2 * harmonics.POWER)
+    turns = np.pi * np.maximum(np.arange(f.size), 0.5) / (2 * (f.size - 1))  # half of those in a sample; of 0, less
+    step = 0.5 / (np.sin(turns) * 2 * (f.size - 1)) ** 2  # of the square of the motion's spectrum, of an equal rms
     changes = [(*spectra[0], 1.0)]
     changes += [(b[0] - a[0], b[1] - a[1], 2.0) for a, b in itertools.pairwise(spectra)]
     information = 1 / variance
     weighted = information.astype(np.complex128)
     for age, (x, y, times) in enumerate(reversed(changes)):
-        crossed = harmonics.CROSSED**2 * shape * np.sum(np.abs(x[1:]) ** 2)
+        crossed = (harmonics.CROSSED**2 * shape + SLOW**2 * step) * np.sum(np.abs(x[1:]) ** 2)
         scatter = times * noise2 + crossed + harmonics.LITTLE * power.sum()
         product = np.conj(x) * y / scatter
         kept = harmonics.KEPT ** max(age - (age == len(changes) - 1), 0)
