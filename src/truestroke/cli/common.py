@@ -22,7 +22,7 @@ import click
 import truestroke
 from truestroke.base import files, interrupts, streams, system
 from truestroke.base.checks import SettingError
-from truestroke.base.errors import LatenessWarning, TruestrokeError
+from truestroke.base.errors import LatenessWarning, ModelWarning, TruestrokeError
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
 
@@ -157,10 +157,12 @@ def in_plain_words(error: click.UsageError) -> str:
 
 
 def _code_of(error: BaseException | None) -> int:
-    """Of an error, or of what it came from: that of the hardware is another one, for scripts that wait for it."""
+    """Of an error, or of what it came from: some have one of their own, for scripts that wait for it."""
     while error is not None:
         if isinstance(error, truestroke.DriverError):
             return ExitCode.DRIVER
+        if isinstance(error, truestroke.BadModelError):
+            return ExitCode.NOT_TRACKING
         error = error.__cause__
     return ExitCode.FAILED
 
@@ -170,10 +172,10 @@ def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
     from truestroke.control.feasibility import NAMES, LimitWarning
 
-    others = warnings.showwarning
+    others, shown = warnings.showwarning, (LimitWarning, LatenessWarning, ModelWarning)
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if not issubclass(category, LimitWarning | LatenessWarning):
+        if not issubclass(category, shown):
             others(message, category, *where, **more)
             return
         context, text = click.get_current_context(silent=True), str(message)
@@ -183,7 +185,7 @@ def _warnings_as_lines() -> Iterator[None]:
         click.echo(f"truestroke: {text}", err=True)
 
     with warnings.catch_warnings():
-        for category in (LimitWarning, LatenessWarning):
+        for category in shown:
             warnings.simplefilter("always", category)
         warnings.showwarning = show
         yield

@@ -84,6 +84,7 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
 
 model_option = click.option("--model", type=common.FILE, metavar="FILE", required=True,
                             help="Of `truestroke identify`.")  # fmt: skip
+force_option = click.option("--force", is_flag=True, help="Use a model whose verdict is bad.")
 limit_options = common.options(
     click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH",
                  help="Lowest and highest voltage, V.  [default: those of the model's record]"),
