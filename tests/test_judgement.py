@@ -112,6 +112,17 @@ def test_the_sensor_that_goes_against_the_motion_is_named():
     assert "not its sensor" in judged(made(noisy(0 * wave())))[1]
 
 
+@pytest.mark.parametrize(("times", "words"), [(1e3, "report in nm"), (1e-3, "report in mm"), (100.0, "not its scale")])
+def test_a_sensor_in_another_unit_is_named_and_no_resonance(times, words):
+    about = {"controller": {"settings": {"stroke": 30.0, "voltage_limits": LIMITS}}}
+    made_of = made(times * noisy(wave()), metadata=about, volts=wave() / 10.0, flags=flags(saturated=slice(4000, 8000)))
+    unit, *others = judge(made_of).reasons
+    assert words in unit
+    assert "um/V, where stroke and voltage limits make 7.14" in unit
+    assert all(one.startswith("The error is") for one in others)
+    assert judge(followed(lambda z, k: 1e3 * z, duration=0.5)).reasons[0].startswith("The sensor shows 10000 um/V")
+
+
 def test_a_stage_that_shakes_is_bad_however_much_its_shaking_looks_like_noise():
     for frequency in (50.0, 80.0, 200.0, 500.0, 900.0):
         shaking = 8.0 * np.sin(2 * np.pi * frequency * np.arange(8000) / RATE)

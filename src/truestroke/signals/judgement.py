@@ -1,6 +1,6 @@
 """Whether a run is good: from its recording, the same for every command; docs/exit-codes.md has the thresholds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.display import figures
+from truestroke.base.display import figures, taken_for_um
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
@@ -24,6 +24,8 @@ UNSEEN, BLIND = 0.05, 0.25  # of the measurements, missing or rejected: doubtful
 ALARMS = 2.0  # changes of the actuator that were found, per second: more are none of the actuator
 STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
 SURE = 4.0  # standard deviations
+FOREIGN = 20.0  # times the gain of the settings, or as many times less: no actuator is so far from them
+ALIKE = 0.7  # correlation of voltage and displacement: the sensor shows the motion of the voltage
 TINY = 1e-12  # V
 REPEATS = 20  # periods of a motion at least, for the answer of the actuator to its voltage at that frequency
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
@@ -112,7 +114,8 @@ def judge(recording: Recording) -> Verdict:
     except SettingError:
         return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
     run = _Run(recording, measured)
-    return Verdict.of(found for check in CHECKS if (found := check(run)))
+    checks_of_it = (_ending, _other_unit, _missed) if _other_unit(run) else CHECKS
+    return Verdict.of(found for check in checks_of_it if (found := check(run)))
 
 
 def _because(recording: Recording) -> str:
@@ -264,6 +267,24 @@ def _too_fast(run: _Run) -> Finding | None:
         f"The motion, of {frequency:.4g} Hz, is faster than the stage or its sensor: there a volt moves it "
         f"{_percent(float(share))} as far as it does slowly. Move at fewer periods, or rows, a second."
     )
+
+
+def _other_unit(run: _Run) -> Finding | None:
+    """A sensor that does not report in um, or has another scale: the cause of all else that is found then."""
+    about = settings(run.recording, "controller")
+    stroke, limits = _positive(about.get("stroke")), about.get("voltage_limits")
+    known = np.isfinite(run.recording["measured"])
+    if run.rmse <= run.tolerable or "volts" not in run.recording or not stroke or known.sum() < 2:
+        return None
+    volts, measured = (run.recording[name][known] for name in ("volts", "measured"))
+    if not isinstance(limits, Sequence) or len(limits) != 2 or not np.ptp(volts) or not np.ptp(measured):
+        return None
+    steep, expected = float(np.std(measured) / np.std(volts)), stroke / (limits[1] - limits[0])
+    if 1 / FOREIGN < steep / expected < FOREIGN or abs(np.corrcoef(volts, measured)[0, 1]) < ALIKE:
+        return None
+    words = f"The sensor shows {figures(steep)} um/V, where stroke and voltage limits make {figures(expected)}"
+    why = taken_for_um(steep / expected, "this is not its scale")
+    return "bad", f"{words}: {why}. Scale what it reports, or correct stroke and voltage limits."
 
 
 def _means(values: FloatArray, length: int) -> FloatArray:
