@@ -232,6 +232,14 @@ def test_an_error_above_the_resonance_that_was_found_is_said_sooner():
     assert "no faster" not in judged(large)[1]
 
 
+def test_errors_that_did_not_count_before_have_not_grown():
+    """Of a scan, whose first rows are none of its image: the error of its image was a second mode."""
+    time, flat = np.arange(8000) / RATE, np.arange(8000) >= 4500
+    for frequency, found in ((260.0, {"resonance": 100.0}), (92.0, {})):
+        steady = noisy(wave()) + 0.25 * np.sin(2 * np.pi * frequency * time)
+        assert judge(made(steady, metadata=found, flat=flat.astype(np.uint8))) == Verdict("good")
+
+
 # ---- How it ended --------------------------------------------------------------------------------------------------
 
 

@@ -31,6 +31,7 @@ REPEATS = 20  # periods of a motion at least, for the answer of the actuator to 
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
 GREW, MATTERS = 3.0, 0.25  # times the error that was; of what is tolerable: an error that grew by so much, to so much
 AS_FAST = 1.2  # times the speed that was, at most: a motion that becomes faster has a larger error anyway
+AS_MANY = 0.8  # of the ticks that count at the end, at least: what was before they counted is not known
 BEYOND = (1.5, 4.0)  # times the resonance that was found: where a second mode is
 RISES, SHOWS = 1.5, 0.025  # times an error there that was; of what is tolerable: one that rises by so much, to so much
 PERIODS, LONGEST = 100, 2**18  # of that resonance at least, ticks at most, in which the error there is taken
@@ -183,6 +184,10 @@ class _Run:
     def windows(self) -> FloatArray:
         """Rms of the usable errors in each window of 0.25 s, one after the other, um; of a shorter run, one."""
         return np.sqrt(np.maximum(0.0, self._rms_of_windows(self.error) ** 2 - self.noise**2))
+
+    def counted(self) -> FloatArray:
+        """Share of the ticks in the same windows whose errors count: none in the lead-in of a scan."""
+        return self._rms_of_windows(np.isfinite(self.error).astype(float)) ** 2
 
     def speeds(self) -> FloatArray:
         """Rms of the desired velocity in the same windows, um/s."""
@@ -461,7 +466,8 @@ def _beyond_resonance(run: _Run) -> Finding | None:
     if not above.any():
         return None
     parts, speeds = np.sqrt(power[:, above].sum(axis=1)), np.std(np.diff(desired), axis=1)
-    same = speeds[:3] * AS_FAST >= speeds[3]
+    counted = _quarters(np.isfinite(run.error), ticks).mean(axis=1)
+    same = (speeds[:3] * AS_FAST >= speeds[3]) & (counted[:3] >= AS_MANY * counted[3])
     before = float(parts[:3][same].min()) if same.any() else float(parts[3])
     much = 3 * power[3, above].sum() > power[3].sum()
     if not much or parts[3] <= max(RISES * before, SHOWS * run.tolerable):
@@ -474,7 +480,7 @@ def _beyond_resonance(run: _Run) -> Finding | None:
     )
 
 
-def _quarters(values: FloatArray, ticks: int) -> FloatArray:
+def _quarters(values: npt.NDArray[Any], ticks: int) -> npt.NDArray[Any]:
     """The end of each quarter, so many ticks long."""
     quarter = values.size // 4
     return values[values.size - 4 * quarter :].reshape(4, quarter)[:, quarter - ticks :]
@@ -488,8 +494,9 @@ def _grew(run: _Run) -> Finding | None:
     quarter = windows.size // 4
     if quarter < 2:
         return None
-    parts, speeds = (np.median(x[-4 * quarter :].reshape(4, quarter), axis=1) for x in (windows, run.speeds()))
-    same = speeds[:3] * AS_FAST >= speeds[3]
+    errors, fast, shares = (x[-4 * quarter :].reshape(4, quarter) for x in (windows, run.speeds(), run.counted()))
+    parts, speeds, counted = np.median(errors, axis=1), np.median(fast, axis=1), np.min(shares, axis=1)
+    same = (speeds[:3] * AS_FAST >= speeds[3]) & (counted[:3] >= AS_MANY * counted[3])
     before = float(parts[:3][same].min()) if same.any() else float(parts[3])
     if parts[3] <= max(GREW * before, MATTERS * run.tolerable):
         return None
