@@ -103,6 +103,8 @@ class Commands(click.Group):
         """Run the command that is asked for, and remember it for error messages."""
         try:
             return super().invoke(ctx)
+        except click.UsageError:
+            raise  # which the kind of a file does not explain
         except (click.ClickException, TruestrokeError):
             if words := inputs.mistaken(ctx):
                 raise click.UsageError(words) from None
