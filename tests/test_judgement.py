@@ -166,6 +166,19 @@ def test_runs_write_down_the_resonance_that_they_found(tmp_path):
     assert run(quiet, controller(), RealisticPlant()).metadata["resonance"] is None
 
 
+def test_a_controller_that_goes_on_from_another_place_is_named():
+    """A simulated actuator is at rest again when it is opened; seven changes were "the sensor jumps"."""
+    controller = AdaptiveController(sample_rate=RATE, stroke=30.0, voltage_limits=LIMITS)
+    wave, stack = trajectories.sine(frequency=10.0, peak_to_peak=20.0, duration=0.75), RealisticPlant()
+    first, second = (judge(run(wave, controller, stack)) for _ in range(2))
+    assert first == Verdict("good")
+    (reason,) = second.reasons
+    assert reason.startswith("The controller goes on from 1500 ticks of earlier runs, but the actuator began ")
+    assert "`reset()`" in reason
+    controller.reset()
+    assert judge(run(wave, controller, stack)) == first
+
+
 def test_alarms_in_a_row_are_no_changes_of_the_actuator():
     assert judged(made(noisy(wave()), flags=flags(changed=[900])))[0] == "good"
     assert "detected 20 sudden changes" in judged(made(noisy(wave()), flags=flags(changed=slice(0, 8000, 400))))[1]

@@ -36,6 +36,7 @@ BEYOND = (1.5, 4.0)  # times the resonance that was found: where a second mode i
 RISES, SHOWS = 1.5, 0.025  # times an error there that was; of what is tolerable: one that rises by so much, to so much
 PERIODS, LONGEST = 100, 2**18  # of that resonance at least, ticks at most, in which the error there is taken
 COLOURED = 100  # samples of an error that count as one
+BEGINS, JUMPED = 10, 0.02  # ticks of a run, and an error in them as a share of the stroke: it began elsewhere
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
 
@@ -387,10 +388,27 @@ def _oscillated(run: _Run) -> Finding | None:
     )
 
 
+def _elsewhere(run: _Run) -> Finding | None:
+    """A controller that goes on from an earlier run, of an actuator that began elsewhere: all of it is a change."""
+    about, stroke = run.recording.metadata.get("controller"), run.metrics.stroke_um
+    before = _positive(about.get("ticks_before")) if isinstance(about, Mapping) else None
+    if not before or not (run.metrics.restored_ticks or _many_changes(run)):
+        return None
+    first = np.abs(run.recording["measured"] - run.recording["desired"])[:BEGINS]
+    off = float(np.max(first[np.isfinite(first)], initial=0.0))
+    if off < max(JUMPED * stroke, NOT_FOLLOWED * run.tolerable):
+        return None
+    return "doubtful", (
+        f"The controller goes on from {before:.0f} ticks of earlier runs, but the actuator began {off:.3g} um from "
+        "where they left it, and the controller took that for a change. Run a new controller, or `reset()` this one, "
+        "which forgets what it learned."
+    )
+
+
 def _restored(run: _Run) -> Finding | None:
     """Whether the controller gave up what it had learned."""
     count = run.metrics.restored_ticks
-    if not count:
+    if not count or _elsewhere(run):
         return None
     return "doubtful", (
         f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held "
@@ -427,9 +445,13 @@ def _known_resonance(recording: Recording) -> float | None:
     return _positive(known)
 
 
+def _many_changes(run: _Run) -> bool:
+    return (run.metrics.changed_ticks or 0) > max(3.0, ALARMS * run.metrics.duration_s)
+
+
 def _alarmed(run: _Run) -> Finding | None:
     count = run.metrics.changed_ticks or 0
-    if count <= max(3.0, ALARMS * run.metrics.duration_s):
+    if not _many_changes(run) or _elsewhere(run):
         return None
     return "doubtful", (
         f"The controller detected {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
@@ -516,6 +538,7 @@ CHECKS = (
     _rejected,
     _oscillated,
     _another_stage,
+    _elsewhere,
     _restored,
     _unsettled,
     _grew,
