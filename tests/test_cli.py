@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -231,6 +232,30 @@ def test_errors_are_one_line_that_names_the_argument(arguments: list[str], said:
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
     assert not list(Path().iterdir())
+
+
+SWAPPED = {
+    "score rec.csv model.toml": "MODEL rec.csv is a table of numbers, RECORD model.toml is a model: exchange them.",
+    "unwarp rec.csv a.gsf --record rec.csv --model model.toml": "IMAGE rec.csv is a table of numbers; it must be an im",
+    "unwarp a.gsf --record model.toml --model rec.csv": "--record model.toml is a model, --model rec.csv is a table",
+    "score model.toml a.gsf": "RECORD a.gsf is an image; it must be a table of numbers or a recording.",
+    "invert model.toml --model rec.csv": "TRAJECTORY model.toml is a model: exchange them.",
+    "playback rec.csv --config model.toml": "it must be a configuration: `truestroke run --example` prints one.",
+    "learn --dynamics model.toml --model dyn.toml": "--model dyn.toml is a file of dynamics: exchange them.",
+    "report rec.csv": "RECORDING rec.csv is a table of numbers; it must be a recording.",
+}
+
+
+@pytest.mark.parametrize("command", SWAPPED)
+def test_a_file_in_the_place_of_another_is_known_by_what_is_in_it(command: str) -> None:
+    """`score RECORD MODEL` was "must be TOML"."""
+    shutil.copy(Path(__file__).with_name("vectors") / "scanner.toml", "model.toml")
+    Path("dyn.toml").write_text('format = "truestroke dynamics"\n')
+    Path("rec.csv").write_text("time (s),volts (V),z (um)\n0,0,0\n0.1,1,9.5\n0.2,2,19\n")
+    Path("a.gsf").write_bytes(b"Gwyddion Simple Field 1.0\n")
+    done = call(*command.split())
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert SWAPPED[command] in done.stderr
 
 
 def test_a_file_of_almost_the_same_name_is_proposed() -> None:

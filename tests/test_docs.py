@@ -96,6 +96,7 @@ def run_page(page: Path, folder: Path) -> None:
 
 
 @every_page
+@pytest.mark.filterwarnings("default::truestroke.ModelWarning")  # a reader of a page sees it, and goes on
 @pytest.mark.usefixtures("each_picture_once", "no_waiting")
 def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -112,6 +112,17 @@ def test_the_sensor_that_goes_against_the_motion_is_named():
     assert "not its sensor" in judged(made(noisy(0 * wave())))[1]
 
 
+@pytest.mark.parametrize(("times", "words"), [(1e3, "report in nm"), (1e-3, "report in mm"), (100.0, "not its scale")])
+def test_a_sensor_in_another_unit_is_named_and_no_resonance(times, words):
+    about = {"controller": {"settings": {"stroke": 30.0, "voltage_limits": LIMITS}}}
+    made_of = made(times * noisy(wave()), metadata=about, volts=wave() / 10.0, flags=flags(saturated=slice(4000, 8000)))
+    unit, *others = judge(made_of).reasons
+    assert words in unit
+    assert "um/V, where stroke and voltage limits make 7.14" in unit
+    assert all(one.startswith("The error is") for one in others)
+    assert judge(followed(lambda z, k: 1e3 * z, duration=0.5)).reasons[0].startswith("The sensor shows 10000 um/V")
+
+
 def test_a_stage_that_shakes_is_bad_however_much_its_shaking_looks_like_noise():
     for frequency in (50.0, 80.0, 200.0, 500.0, 900.0):
         shaking = 8.0 * np.sin(2 * np.pi * frequency * np.arange(8000) / RATE)
@@ -153,6 +164,19 @@ def test_runs_write_down_the_resonance_that_they_found(tmp_path):
         assert "`resonance = 79` (Hz)" in " ".join(judge(recording).reasons)
     quiet = trajectories.sine(frequency=2.0, peak_to_peak=1.0, duration=0.5)
     assert run(quiet, controller(), RealisticPlant()).metadata["resonance"] is None
+
+
+def test_a_controller_that_goes_on_from_another_place_is_named():
+    """A simulated actuator is at rest again when it is opened; seven changes were "the sensor jumps"."""
+    controller = AdaptiveController(sample_rate=RATE, stroke=30.0, voltage_limits=LIMITS)
+    wave, stack = trajectories.sine(frequency=10.0, peak_to_peak=20.0, duration=0.75), RealisticPlant()
+    first, second = (judge(run(wave, controller, stack)) for _ in range(2))
+    assert first == Verdict("good")
+    (reason,) = second.reasons
+    assert reason.startswith("The controller goes on from 1500 ticks of earlier runs, but the actuator began ")
+    assert "`reset()`" in reason
+    controller.reset()
+    assert judge(run(wave, controller, stack)) == first
 
 
 def test_alarms_in_a_row_are_no_changes_of_the_actuator():
@@ -219,6 +243,14 @@ def test_an_error_above_the_resonance_that_was_found_is_said_sooner():
         assert judged(made(noisy(wave()) + error, metadata=metadata))[0] == "good"
     large = made(noisy(wave()) + 8 * above, metadata=found)
     assert "no faster" not in judged(large)[1]
+
+
+def test_errors_that_did_not_count_before_have_not_grown():
+    """Of a scan, whose first rows are none of its image: the error of its image was a second mode."""
+    time, flat = np.arange(8000) / RATE, np.arange(8000) >= 4500
+    for frequency, found in ((260.0, {"resonance": 100.0}), (92.0, {})):
+        steady = noisy(wave()) + 0.25 * np.sin(2 * np.pi * frequency * time)
+        assert judge(made(steady, metadata=found, flat=flat.astype(np.uint8))) == Verdict("good")
 
 
 # ---- How it ended --------------------------------------------------------------------------------------------------

@@ -470,6 +470,23 @@ def test_a_sensor_that_goes_the_other_way_or_hardly_at_all_is_refused(sign):
         learned.learn(np.tile(z, (2, 1)))
 
 
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        (lambda z: np.minimum(z, 19.0), r"% of the samples at 19 um, while the voltage goes on: must be of a sensor"),
+        (lambda z: 0 * z + 12.0, "0 um rms, with a noise of 0: must be a motion of about 20 um: look at the sensor"),
+        (lambda z: np.random.default_rng(1).normal(12.0, 0.01, z.shape), "must be a motion of about 20 um: look at"),
+        (lambda z: 1000 * z, "of its sign: the sensor seems to report in nm, not in um"),
+    ],
+)
+def test_what_is_wrong_with_the_sensor_is_named(sensor, words):
+    """A sensor at the end of its range was a voltage limit, one that is not connected another gain."""
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    z = linear(learned, GAIN * dynamics(900.0).response(frequencies(learned)))
+    with pytest.raises(SettingError, match=words):
+        learned.learn(sensor(np.tile(z, (3, 1))))
+
+
 def test_a_period_of_no_whole_samples_is_repeated_until_it_is_one():
     assert repetition(FS, 97.0) == (10_000, 97)
     assert repetition(2000.0, 12.5) == (160, 1)

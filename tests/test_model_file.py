@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from truestroke import BadModelError, ModelWarning, usable_model
+from truestroke.base.verdict import Verdict
 from truestroke.identification import ActuatorModel, ModelFileError, load_model, save_model
 
 MODEL = ActuatorModel(
@@ -99,3 +101,16 @@ def test_what_a_model_was_refined_from_comes_back_with_it(tmp_path):
         ModelFileError, match=r"m.toml: before.masses = a table: must be left out; there are model, weights"
     ):
         load_model(tmp_path / "m.toml")
+
+
+def test_what_speaks_against_a_model_is_said_where_it_is_used(tmp_path):
+    for level in ("good", "doubtful", "bad"):
+        found = Verdict(level, ("The sensor was noisy.", "It crept.")[: 2 * (level != "good")]).entries
+        save_model(tmp_path / f"{level}.toml", MODEL.replace(provenance=found))
+    assert usable_model(tmp_path / "good.toml").verdict.level == "good"
+    with pytest.warns(ModelWarning, match=r"doubtful\.toml: .* is doubtful: The sensor was noisy\.$"):
+        usable_model(tmp_path / "doubtful.toml")
+    with pytest.raises(BadModelError, match=r"bad\.toml: .* is bad: The sensor was noisy\. Record again"):
+        usable_model(tmp_path / "bad.toml")
+    with pytest.warns(ModelWarning, match="is bad: The sensor was noisy"):
+        assert usable_model(tmp_path / "bad.toml", force=True).verdict.is_bad

@@ -205,7 +205,9 @@ def test_what_the_command_line_refuses() -> None:
     Path("run.toml").write_text('format = "truestroke model"\n')
     code, said = call("--config", "run.toml")
     assert code == 2
-    assert "the file = truestroke model: must be a configuration, with tables [driver] and [[axis]]" in said
+    assert "--config run.toml is a model; it must be a configuration: `truestroke run --example` prints one" in said
+    with pytest.raises(SettingError, match=r"the file = truestroke model: must be a configuration, with tables"):
+        config.load("run.toml")
 
 
 @pytest.mark.parametrize(

@@ -443,6 +443,26 @@ def test_a_tiff_of_others_is_read_by_its_resolution(tmp_path):
     assert one.data[0].tolist() == [0, 0, 0, 1]
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_a_tiff_whose_least_is_white_is_inverted(dtype, tmp_path):
+    """Cameras and scanners write such ones: they were read as they stand, the pits as hills."""
+    tifffile.imwrite(tmp_path / "w.tif", np.arange(6, dtype=dtype).reshape(2, 3), photometric="miniswhite")
+    (one,) = scans.read_images(tmp_path / "w.tif")
+    white = 0 if dtype is np.float32 else np.iinfo(dtype).max
+    assert one.data[::-1].ravel().tolist() == [white - k for k in range(6)]
+
+
+def test_the_numbers_of_a_palette_are_its_greys(tmp_path):
+    data, grey = np.array([[0, 1], [2, 1]], dtype=np.uint8), np.zeros((3, 256), dtype=np.uint16)
+    grey[:, :3] = [500, 100, 300]
+    tifffile.imwrite(tmp_path / "p.tif", data, photometric="palette", colormap=grey)
+    assert scans.read_images(tmp_path / "p.tif")[0].data[::-1].tolist() == [[500, 100], [300, 100]]
+    grey[0, 2] = 7
+    tifffile.imwrite(tmp_path / "p.tif", data, photometric="palette", colormap=grey)
+    with pytest.raises(scans.ImageError, match="a picture in colour"):
+        scans.read_images(tmp_path / "p.tif")
+
+
 @pytest.mark.parametrize(("colours", "dtype"), [(3, np.uint8), (4, np.uint16)])
 def test_a_grey_picture_in_colours_is_what_was_measured(colours, dtype, tmp_path):
     tifffile = pytest.importorskip("tifffile")

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import truestroke
-from truestroke import ImageError, ScanRecord, SettingError, scans
+from truestroke import ImageError, ScanRecord, SettingError, Verdict, scans
 from truestroke.cli import main
 from truestroke.identification.unwarp import by_direction, mirrored, read_scan_record, triggered
 from truestroke.plant import StagePlant, StageSettings
@@ -122,6 +122,12 @@ def test_a_period_of_broken_samples_is_placed_better_than_half_a_sample():
     found = triggered(gate, FS)
     assert np.abs(found["start"] - starts).max() < 0.1 / FS
     assert np.abs(found["end"] - starts - 0.01).max() < 0.1 / FS
+
+
+def test_a_model_that_is_bad_makes_no_good_image(scan, volts, shown, model):
+    noisy = model.replace(provenance=Verdict("bad", ("The sensor was noisy.",)).entries)
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, *volts), model, noisy)
+    assert found.verdict == Verdict("bad", ("The verdict of the model is bad: The sensor was noisy.",))
 
 
 def test_what_still_separates_them_is_shared(scan, volts, shown, model):
@@ -285,7 +291,7 @@ def test_a_signal_that_is_not_one_of_the_file_is_named():
 
 def run(*arguments):
     done = CliRunner().invoke(main, ["unwarp", *map(str, arguments)])
-    return done.exit_code, done.output
+    return done.exit_code, done.stdout or done.stderr
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from truestroke import plant as plant
 from truestroke.base.checks import SettingError as SettingError
 from truestroke.base.errors import LatenessWarning as LatenessWarning
+from truestroke.base.errors import ModelWarning as ModelWarning
 from truestroke.base.errors import TruestrokeError as TruestrokeError
 from truestroke.base.files import FileError as FileError
 from truestroke.base.files import FileTooLargeError as FileTooLargeError
@@ -17,9 +18,11 @@ from truestroke.control.controller import Controller as Controller
 from truestroke.control.controller import Counters as Counters
 from truestroke.control.controller import Diagnostics as Diagnostics
 from truestroke.control.feasibility import LimitWarning as LimitWarning
+from truestroke.control.model_file import BadModelError as BadModelError
 from truestroke.control.model_file import ModelFileError as ModelFileError
 from truestroke.control.model_file import load_model as load_model
 from truestroke.control.model_file import save_model as save_model
+from truestroke.control.model_file import usable_model as usable_model
 from truestroke.control.repeating.iterative import IterativeLearning as IterativeLearning
 from truestroke.control.repeating.iterative import Learned as Learned
 from truestroke.control.repeating.repetitive import RepetitiveController as RepetitiveController

@@ -275,7 +275,8 @@ def ascending(argument: str, value: Sequence[float], unit: str = "") -> tuple[fl
 def beyond_reach(argument: str, z: float, volts: float, reach: float, stroke: float) -> SettingError:
     """The error of a displacement that an actuator under `volts` cannot have."""
     where = f"within {reach:g} um of 0 at {volts:g} V, with a stroke of {stroke:g} um"
-    return SettingError(argument, float(f"{z:.6g}"), f"{where}: zero the sensor, or subtract its reading at rest", "um")
+    remedy = "zero the sensor, or subtract its reading at rest, and scale it to um"
+    return SettingError(argument, float(f"{z:.6g}"), f"{where}: {remedy}", "um")
 
 
 def wrong_others(values: object, axes: int) -> SettingError:

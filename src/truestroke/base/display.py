@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 WIDTH = 120  # characters of a line
+TAKEN = {1e3: "nm", 1e-3: "mm", 1e6: "pm", 1e-6: "m"}  # units for um, by how many times too many they show
+ABOUT = 4.0  # times: how far the gain of an actuator may be from that of its settings, too
 WRITTEN_OUT = 1e7  # below it a number has no exponent
 FEW = 6  # entries of a sequence that are shown; of a longer one two, the last, and how many there are
 
@@ -70,6 +72,16 @@ def figures(value: float, digits: int = 3) -> str:
     """
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(value) < WRITTEN_OUT else text
+
+
+def taken_for_um(times: float, otherwise: str = "") -> str:
+    """What is said of a sensor that shows so many times the um that are expected: its probable unit, where that is it.
+
+    >>> taken_for_um(920.0, "this is not its scale"), taken_for_um(12.0, "this is not its scale")
+    ('the sensor seems to report in nm, not in um', 'this is not its scale')
+    """
+    units = (unit for factor, unit in TAKEN.items() if factor / ABOUT < abs(times) < factor * ABOUT)
+    return next((f"the sensor seems to report in {unit}, not in um" for unit in units), otherwise)
 
 
 def quantity(value: Any, unit: str = "") -> str:

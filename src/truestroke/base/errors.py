@@ -37,5 +37,10 @@ class LatenessWarning(UserWarning):
     """The system lacks what punctual ticks need; `truestroke.run_realtime` gives it before the run begins."""
 
 
+class ModelWarning(UserWarning):
+    """The verdict of a model is not good, and it is used; commands and configurations give it before anything moves."""
+
+
 shown_as_public(TruestrokeError)
 shown_as_public(LatenessWarning)
+shown_as_public(ModelWarning)

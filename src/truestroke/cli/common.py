@@ -22,9 +22,10 @@ import click
 import truestroke
 from truestroke.base import files, interrupts, streams, system
 from truestroke.base.checks import SettingError
-from truestroke.base.errors import LatenessWarning, TruestrokeError
+from truestroke.base.errors import LatenessWarning, ModelWarning, TruestrokeError
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
+from truestroke.cli import inputs
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,11 +36,6 @@ if TYPE_CHECKING:
 FILES = ("output", "plots", "figures", "overwrite", "as_json")  # options that do not change the run
 ALIASES = {"cutoff": "frequency", "slew_limit": "slew", "path": "trajectory"}  # arguments of Python by other options
 RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old names, for one version
-MAKERS = {  # of a file, by the option that takes it
-    "config": "`truestroke run --example` prints one",
-    "model": "`truestroke identify` writes it",
-    "dynamics": "`truestroke bode` writes it",
-}
 UNITS = {"HZ": "Hz", "S": "s", "UM": "um", "UM/S": "um/s", "V": "V", "V/S": "V/s", "LOW HIGH": "V"}  # by the metavar
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
@@ -57,13 +53,14 @@ class ExistingFile(click.Path):
         """The path, or the error."""
         path = Path(value)
         if path.exists():
+            inputs.note(ctx, param, path)
             return super().convert(value, param, ctx)
         folder = path.absolute().parent
         if not folder.is_dir():
             self.fail(f"there is no folder {folder}.", param, ctx)
         others = {one.stem: one.name for one in folder.glob(f"*{path.suffix}") if one.is_file()}
         near = difflib.get_close_matches(path.stem, others, n=1)
-        maker = MAKERS.get(param.name or "") if param else None
+        maker = inputs.MAKERS.get(param.name or "") if param else None
         remedy = f"; did you mean {others[near[0]]}?" if near else f"; {maker}." if maker else "."
         self.fail(f"there is no file {path.name} in {folder}{remedy}", param, ctx)
 
@@ -106,6 +103,12 @@ class Commands(click.Group):
         """Run the command that is asked for, and remember it for error messages."""
         try:
             return super().invoke(ctx)
+        except click.UsageError:
+            raise  # which the kind of a file does not explain
+        except (click.ClickException, TruestrokeError):
+            if words := inputs.mistaken(ctx):
+                raise click.UsageError(words) from None
+            raise
         finally:
             self._asked = self.commands.get(ctx.invoked_subcommand or "")
 
@@ -157,10 +160,12 @@ def in_plain_words(error: click.UsageError) -> str:
 
 
 def _code_of(error: BaseException | None) -> int:
-    """Of an error, or of what it came from: that of the hardware is another one, for scripts that wait for it."""
+    """Of an error, or of what it came from: some have one of their own, for scripts that wait for it."""
     while error is not None:
         if isinstance(error, truestroke.DriverError):
             return ExitCode.DRIVER
+        if isinstance(error, truestroke.BadModelError):
+            return ExitCode.NOT_TRACKING
         error = error.__cause__
     return ExitCode.FAILED
 
@@ -170,10 +175,10 @@ def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
     from truestroke.control.feasibility import NAMES, LimitWarning
 
-    others = warnings.showwarning
+    others, shown = warnings.showwarning, (LimitWarning, LatenessWarning, ModelWarning)
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if not issubclass(category, LimitWarning | LatenessWarning):
+        if not issubclass(category, shown):
             others(message, category, *where, **more)
             return
         context, text = click.get_current_context(silent=True), str(message)
@@ -183,7 +188,7 @@ def _warnings_as_lines() -> Iterator[None]:
         click.echo(f"truestroke: {text}", err=True)
 
     with warnings.catch_warnings():
-        for category in (LimitWarning, LatenessWarning):
+        for category in shown:
             warnings.simplefilter("always", category)
         warnings.showwarning = show
         yield

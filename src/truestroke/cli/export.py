@@ -52,6 +52,7 @@ OF_TARGETS = {
     "--controller", type=click.Choice(["adaptive", "paper"]), help="Which law, without --config.  [default: adaptive]"
 )
 @click.option("--model", metavar="FILE", type=common.FILE, help="Start from a model of `truestroke identify`.")
+@waveforms.force_option
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.")
 @click.option("--state", metavar="FILE", type=common.FILE, help="The controller of a recording, which starts with what "
               "it had learned.")  # fmt: skip
@@ -206,8 +207,7 @@ def _actuator(output: Path, options: dict[str, Any], as_json: bool) -> None:
     _refuse_of_controllers("actuator", options, ("sample_rate", "model"))
     if options["model"] is None:
         raise click.UsageError("--actuator needs --model FILE, which truestroke identify writes.")
-    model = truestroke.load_model(options["model"])
-    waveforms.warn_of(model)
+    model = truestroke.usable_model(options["model"], force=options["force"])
     file = export_fmu(
         model,
         output,
@@ -276,7 +276,7 @@ def _given(options: dict[str, Any]) -> _Asked:
         return _Asked(truestroke.AdaptiveController(**given).settings, options["safe_voltage"], about)
     if "stroke" in given:
         raise click.UsageError("--stroke is that of --model: leave it out.")
-    model = truestroke.load_model(options["model"])
+    model = truestroke.usable_model(options["model"], force=options["force"])
     settings = truestroke.AdaptiveController.from_model(model, **given).settings
     return _Asked(settings, options["safe_voltage"], f"the actuator of {options['model'].name}", model.zero)
 

@@ -38,6 +38,7 @@ LONGEST = 10_000_000  # samples of a repetition
               "its turns take.  [default: 0.2]")  # fmt: skip
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Of `truestroke bode`.  [default: measured first]")
 @click.option("--model", metavar="FILE", type=common.FILE, help="Of `truestroke identify`: makes the first pass.")
+@waveforms.force_option
 @click.option("--bandwidth", metavar="HZ", type=float, help="Highest harmonic that is learned.  [default: 2.4 "
               "times the first resonance]")  # fmt: skip
 @click.option("--averaged", metavar="S", type=click.FloatRange(0.0, 3600.0), default=0.5,
@@ -69,7 +70,7 @@ def learn(
         options["offset"] = _middle(limits, options["peak_to_peak"])
     wave, given = _wave(motion, rate, options), {key: options[key] for key in ("passes", "bandwidth", "averaged")}
     given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
-    given["model"] = options["model"] and truestroke.load_model(options["model"])
+    given["model"] = options["model"] and truestroke.usable_model(options["model"], force=options["force"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:

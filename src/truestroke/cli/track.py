@@ -16,6 +16,7 @@ from truestroke.cli import common, results, waveforms
 @click.option("--controller", type=click.Choice(["adaptive", "paper"]), default="adaptive", help="What is tested.")
 @click.option("--model", type=common.FILE, metavar="FILE", help="Start the adaptive "
               "controller from a model of `truestroke identify`.")  # fmt: skip
+@waveforms.force_option
 @click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH", default=(-0.6, 3.6),
               help="Lowest and highest voltage of the controller, V.")  # fmt: skip
 @click.option("--dynamics", metavar="FILE", type=common.FILE, help="Give the adaptive controller the dynamics of "
@@ -87,7 +88,7 @@ def _controller(
         return adaptive(stroke=tracking.STROKE, **bench, **known)
     if options["controller"] == "paper":
         raise click.UsageError("--controller paper knows no model: leave --model out.")
-    model = truestroke.load_model(options["model"])
+    model = truestroke.usable_model(options["model"], force=options["force"])
     if not tracking.like_the_stack(model):
         raise click.UsageError(
             f"--model {options['model']}: has {model.sensitivity:.3g} um/V, the simulated stack "

@@ -9,7 +9,7 @@ import click
 
 import truestroke
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common
+from truestroke.cli import common, waveforms
 
 
 @click.command()
@@ -31,10 +31,11 @@ from truestroke.cli import common
 @click.option("--align", is_flag=True, help="Share between trace and retrace what still separates them.")
 @click.option("--output", metavar="FILE", help="Image to write: .gsf, .gwy, .tif or .nxs.  [default: unwarped.gwy]",
               default="unwarped.gwy", show_default=False)  # fmt: skip
+@waveforms.force_option
 @common.page_options
 def unwarp(
     image: Path, retrace: Path | None, record: Path, model: Path, model_y: Path | None, lines: Path | None,
-    channel: str | None, align: bool, output: str, plots: Path | None, as_json: bool, **columns: Any,
+    channel: str | None, align: bool, output: str, force: bool, plots: Path | None, as_json: bool, **columns: Any,
 ) -> int:  # fmt: skip
     """Correct an image that was scanned open loop.
 
@@ -49,11 +50,12 @@ def unwarp(
 
     target = common.to_write("--output", output, IMAGE)
     (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
+    fast = truestroke.usable_model(model, force=force)
+    slow = None if model_y is None else truestroke.usable_model(model_y, force=force)
     given = [scans.read_images(file) for file in (image, retrace) if file]
     before = unwarping.by_direction(*given, channel=channel)
     scanned = _recorded(record, lines, columns)
-    slow = None if model_y is None else truestroke.load_model(model_y)
-    found = truestroke.unwarp(before, scanned, truestroke.load_model(model), slow, align=align)
+    found = truestroke.unwarp(before, scanned, fast, slow, align=align)
     kept = list(found.images.values())
     scans.save_images(target, kept[0] if target.suffix == ".gsf" else kept)
     made = report.page(found, before, common.as_asked()["command"])

@@ -12,7 +12,7 @@ import click
 import truestroke
 from truestroke.base import display, files
 from truestroke.base.exit_codes import ExitCode
-from truestroke.cli import common
+from truestroke.cli import common, inputs
 from truestroke.control import reach
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.sampled import REST
@@ -35,7 +35,10 @@ METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 
 def known_motion(context: click.Context, option: click.Parameter, value: str) -> str:
     """`value`, if it is one of `MOTIONS` or a file."""
-    if value in MOTIONS or Path(value).is_file():
+    if value not in MOTIONS and Path(value).is_file():
+        inputs.note(context, option, Path(value))
+        return value
+    if value in MOTIONS:
         return value
     raise click.BadParameter(f"{value!r} is neither one of {', '.join(MOTIONS)} nor a file.")
 
@@ -84,6 +87,7 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
 
 model_option = click.option("--model", type=common.FILE, metavar="FILE", required=True,
                             help="Of `truestroke identify`.")  # fmt: skip
+force_option = click.option("--force", is_flag=True, help="Use a model whose verdict is bad.")
 limit_options = common.options(
     click.option("--voltage-limits", type=float, nargs=2, metavar="LOW HIGH",
                  help="Lowest and highest voltage, V.  [default: those of the model's record]"),

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import re
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from truestroke.base import checks, files, toml
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import ModelWarning
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.explored import Explored
@@ -57,6 +59,10 @@ OLD = {"rated": "rate_dependent", "bends": "asymmetry", "figures": "metrics"}
 
 class ModelFileError(files.FileError):
     """A model file that cannot be used; names the file and the reason."""
+
+
+class BadModelError(ModelFileError):
+    """A model that can be read, whose verdict is bad; names the file and the first reason."""
 
 
 def save_model(path: str | os.PathLike[str], model: ActuatorModel) -> None:
@@ -159,6 +165,39 @@ def load_model(path: str | os.PathLike[str]) -> ActuatorModel:
     checks.path("path", path)
     with files.reading(path, lambda reason: ModelFileError(f"{os.fspath(path)}: {reason}")):
         return _read(Path(path))
+
+
+def usable_model(path: str | os.PathLike[str], *, force: bool = False) -> ActuatorModel:
+    """Read a model that is about to be used: what `identify` found to speak against it is said.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        Of `save_model`.
+    force : bool
+        Whether a model whose verdict is bad is used, too, with a warning.
+
+    Raises
+    ------
+    BadModelError
+        The verdict of the model is bad.
+    ModelFileError
+        As `load_model`.
+
+    Warns
+    -----
+    ModelWarning
+        The verdict is doubtful, or bad with `force`.
+    """
+    known = load_model(path)
+    if (verdict := known.verdict).level == "good":
+        return known
+    reason = " ".join(verdict.reasons[:1])
+    said = f"{os.fspath(path)}: the verdict of this model is {verdict.level}: {reason}".rstrip(": .")
+    if verdict.is_bad and not force:
+        raise BadModelError(f"{said}. Record again and identify a better one, or use it by `force`")
+    warnings.warn(f"{said}.", ModelWarning, stacklevel=2)
+    return known
 
 
 def _read(path: Path) -> ActuatorModel:

@@ -220,12 +220,17 @@ def error_of(model: "ActuatorModel") -> float | None:
     return model.metrics.get("held_out_rmse_um", model.metrics.get("prediction_rmse_um"))
 
 
-def _of_model(model: "ActuatorModel", made: Made, least: float) -> Iterator[Finding]:
+def inherited(model: "ActuatorModel") -> Iterator[Finding]:
+    """What speaks against the model speaks against all that is made with it."""
     if (verdict := model.verdict).level != "good":
         yield (
             verdict.level,
             f"The verdict of the model is {verdict.level}: {' '.join(verdict.reasons[:1])}".rstrip(": "),
         )
+
+
+def _of_model(model: "ActuatorModel", made: Made, least: float) -> Iterator[Finding]:
+    yield from inherited(model)
     error = error_of(model) or model.noise
     if error > least:
         yield (

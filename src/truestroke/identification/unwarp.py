@@ -21,6 +21,7 @@ from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.reach import inherited
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
 from truestroke.signals.scans.images import Image, ImageError, shift
 from truestroke.signals.scans.scan import LINE, Scan, table
@@ -363,7 +364,11 @@ def unwarp(
     moved = max(float(np.abs(one - even).max()) for one in across.values()) / pixel
     line = record.lines[0]
     timing = record.jitter * columns / float(line["end"] - line["start"])
-    verdict = _verdict(before, after, timing, made, _beyond(record, x))
+    findings: list[tuple[Level, str]] = [
+        one for model in (x, y) if model and model.verdict.is_bad for one in inherited(model)
+    ]
+    findings += [("doubtful", words) for words in (_beyond(record, x),) if words]
+    verdict = Verdict.of([*findings, *_findings(before, after, timing, made)])
     return Unwarped(images=made, before=before, after=after, moved=moved, timing=timing, verdict=verdict)
 
 
@@ -530,14 +535,13 @@ def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
     return shift(*(_filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
 
 
-def _verdict(
+def _findings(
     before: tuple[float, float] | None,
     after: tuple[float, float] | None,
     timing: float,
     images: Mapping[str, Image],
-    beyond: str,
-) -> Verdict:
-    findings: list[tuple[Level, str]] = [("doubtful", beyond)] if beyond else []
+) -> list[tuple[Level, str]]:
+    findings: list[tuple[Level, str]] = []
     if before is None or after is None:
         findings.append(("doubtful", "There is no retrace, so nothing shows whether the correction is right: give it."))
     elif (apart := float(np.hypot(*after))) > APART:
@@ -551,7 +555,7 @@ def _verdict(
     lost = max(float(np.mean(~np.isfinite(image.data))) for image in images.values())
     if lost > 0.01:
         findings.append(("doubtful", f"{100 * lost:.0f} % of the pixels were not reached by the scan."))
-    return Verdict.of(findings)
+    return findings
 
 
 def _still(apart: float, farther: bool, timing: float) -> str:

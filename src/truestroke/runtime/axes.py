@@ -231,6 +231,7 @@ class _Log:
             for i, (name, axis) in enumerate(axes.items())
         ]
         self.interrupted: str | None = None
+        self._before = {name: run_metadata.ticks_before(axis) for name, axis in axes.items()}
         self._notices: dict[str, tuple[str, ...]] = {}
         for name, axis in axes.items():
             agreement.check_agreement(known.axes[name], axis, timing)
@@ -280,6 +281,7 @@ class _Log:
     def _about(self, name: str, axis: Controller) -> dict[str, Any]:
         of_all = run_metadata.about(self._motion[name], axis, self._actuator, self._timing)
         own = {key: of_all[key] for key in ("trajectory", "controller")}
+        own["controller"] |= {"ticks_before": self._before[name]}
         learned = run_metadata.repetition(self._controller.learned.get(name, axis), self._timing.sample_rate)
         found = {"resonance": run_metadata.resonance(axis), "repetition": learned}
         return own | {"notices": list(self._notices.get(name, ())), **found}

@@ -43,6 +43,7 @@ def about(trajectory: Motion, controller: Any, actuator: Any, timing: Timing) ->
             "name": type(controller).__name__,
             "settings": getattr(controller, "settings", {}),
             "parameters": getattr(getattr(controller, "settings", None), "names", ()),
+            "ticks_before": ticks_before(controller),
         },
         "plant": {
             "name": type(actuator).__name__,
@@ -52,6 +53,11 @@ def about(trajectory: Motion, controller: Any, actuator: Any, timing: Timing) ->
         "versions": versions(),
     }
     return Recording({}, metadata).metadata
+
+
+def ticks_before(controller: Any) -> int:
+    """Ticks of earlier runs, from which the controller goes on; 0 of one that does not count."""
+    return int(getattr(getattr(controller, "counters", None), "commands", 0))
 
 
 def resonance(controller: Any) -> float | None:

@@ -1,6 +1,6 @@
 """Whether a run is good: from its recording, the same for every command; docs/exit-codes.md has the thresholds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.display import figures
+from truestroke.base.display import figures, taken_for_um
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
@@ -24,15 +24,19 @@ UNSEEN, BLIND = 0.05, 0.25  # of the measurements, missing or rejected: doubtful
 ALARMS = 2.0  # changes of the actuator that were found, per second: more are none of the actuator
 STANDS = 0.5  # of the desired motion: an actuator that moves less did not follow, however small the error is in um
 SURE = 4.0  # standard deviations
+FOREIGN = 20.0  # times the gain of the settings, or as many times less: no actuator is so far from them
+ALIKE = 0.7  # correlation of voltage and displacement: the sensor shows the motion of the voltage
 TINY = 1e-12  # V
 REPEATS = 20  # periods of a motion at least, for the answer of the actuator to its voltage at that frequency
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
 GREW, MATTERS = 3.0, 0.25  # times the error that was; of what is tolerable: an error that grew by so much, to so much
 AS_FAST = 1.2  # times the speed that was, at most: a motion that becomes faster has a larger error anyway
+AS_MANY = 0.8  # of the ticks that count at the end, at least: what was before they counted is not known
 BEYOND = (1.5, 4.0)  # times the resonance that was found: where a second mode is
 RISES, SHOWS = 1.5, 0.025  # times an error there that was; of what is tolerable: one that rises by so much, to so much
 PERIODS, LONGEST = 100, 2**18  # of that resonance at least, ticks at most, in which the error there is taken
 COLOURED = 100  # samples of an error that count as one
+BEGINS, JUMPED = 10, 0.02  # ticks of a run, and an error in them as a share of the stroke: it began elsewhere
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
 
@@ -112,7 +116,8 @@ def judge(recording: Recording) -> Verdict:
     except SettingError:
         return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
     run = _Run(recording, measured)
-    return Verdict.of(found for check in CHECKS if (found := check(run)))
+    checks_of_it = (_ending, _other_unit, _missed) if _other_unit(run) else CHECKS
+    return Verdict.of(found for check in checks_of_it if (found := check(run)))
 
 
 def _because(recording: Recording) -> str:
@@ -185,6 +190,10 @@ class _Run:
     def windows(self) -> FloatArray:
         """Rms of the usable errors in each window of 0.25 s, one after the other, um; of a shorter run, one."""
         return np.sqrt(np.maximum(0.0, self._rms_of_windows(self.error) ** 2 - self.noise**2))
+
+    def counted(self) -> FloatArray:
+        """Share of the ticks in the same windows whose errors count: none in the lead-in of a scan."""
+        return self._rms_of_windows(np.isfinite(self.error).astype(float)) ** 2
 
     def speeds(self) -> FloatArray:
         """Rms of the desired velocity in the same windows, um/s."""
@@ -273,6 +282,24 @@ def _faster_than_stage(run: _Run) -> Finding | None:
         f"The motion, of {frequency:.4g} Hz, is faster than the stage or its sensor: there a volt moves it "
         f"{_percent(float(share))} as far as it does slowly. Move at fewer periods, or rows, a second."
     )
+
+
+def _other_unit(run: _Run) -> Finding | None:
+    """A sensor that does not report in um, or has another scale: the cause of all else that is found then."""
+    about = settings(run.recording, "controller")
+    stroke, limits = _positive(about.get("stroke")), about.get("voltage_limits")
+    known = np.isfinite(run.recording["measured"])
+    if run.rmse <= run.tolerable or "volts" not in run.recording or not stroke or known.sum() < 2:
+        return None
+    volts, measured = (run.recording[name][known] for name in ("volts", "measured"))
+    if not isinstance(limits, Sequence) or len(limits) != 2 or not np.ptp(volts) or not np.ptp(measured):
+        return None
+    steep, expected = float(np.std(measured) / np.std(volts)), stroke / (limits[1] - limits[0])
+    if 1 / FOREIGN < steep / expected < FOREIGN or abs(np.corrcoef(volts, measured)[0, 1]) < ALIKE:
+        return None
+    words = f"The sensor shows {figures(steep)} um/V, where stroke and voltage limits make {figures(expected)}"
+    why = taken_for_um(steep / expected, "this is not its scale")
+    return "bad", f"{words}: {why}. Scale what it reports, or correct stroke and voltage limits."
 
 
 def _means(values: FloatArray, length: int) -> FloatArray:
@@ -370,10 +397,27 @@ def _oscillated(run: _Run) -> Finding | None:
     )
 
 
+def _elsewhere(run: _Run) -> Finding | None:
+    """A controller that goes on from an earlier run, of an actuator that began elsewhere: all of it is a change."""
+    about, stroke = run.recording.metadata.get("controller"), run.metrics.stroke_um
+    before = _positive(about.get("ticks_before")) if isinstance(about, Mapping) else None
+    if not before or not (run.metrics.restored_ticks or _many_changes(run)):
+        return None
+    first = np.abs(run.recording["measured"] - run.recording["desired"])[:BEGINS]
+    off = float(np.max(first[np.isfinite(first)], initial=0.0))
+    if off < max(JUMPED * stroke, NOT_FOLLOWED * run.tolerable):
+        return None
+    return "doubtful", (
+        f"The controller goes on from {before:.0f} ticks of earlier runs, but the actuator began {off:.3g} um from "
+        "where they left it, and the controller took that for a change. Run a new controller, or `reset()` this one, "
+        "which forgets what it learned."
+    )
+
+
 def _restored(run: _Run) -> Finding | None:
     """Whether the controller gave up what it had learned."""
     count = run.metrics.restored_ticks
-    if not count:
+    if not count or _elsewhere(run):
         return None
     return "doubtful", (
         f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held "
@@ -410,9 +454,13 @@ def _known_resonance(recording: Recording) -> float | None:
     return _positive(known)
 
 
+def _many_changes(run: _Run) -> bool:
+    return (run.metrics.changed_ticks or 0) > max(3.0, ALARMS * run.metrics.duration_s)
+
+
 def _alarmed(run: _Run) -> Finding | None:
     count = run.metrics.changed_ticks or 0
-    if count <= max(3.0, ALARMS * run.metrics.duration_s):
+    if not _many_changes(run) or _elsewhere(run):
         return None
     return "doubtful", (
         f"The controller detected {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
@@ -449,7 +497,8 @@ def _beyond_resonance(run: _Run) -> Finding | None:
     if not above.any():
         return None
     parts, speeds = np.sqrt(power[:, above].sum(axis=1)), np.std(np.diff(desired), axis=1)
-    same = speeds[:3] * AS_FAST >= speeds[3]
+    counted = _quarters(np.isfinite(run.error), ticks).mean(axis=1)
+    same = (speeds[:3] * AS_FAST >= speeds[3]) & (counted[:3] >= AS_MANY * counted[3])
     before = float(parts[:3][same].min()) if same.any() else float(parts[3])
     much = 3 * power[3, above].sum() > power[3].sum()
     if not much or parts[3] <= max(RISES * before, SHOWS * run.tolerable):
@@ -462,7 +511,7 @@ def _beyond_resonance(run: _Run) -> Finding | None:
     )
 
 
-def _quarters(values: FloatArray, ticks: int) -> FloatArray:
+def _quarters(values: npt.NDArray[Any], ticks: int) -> npt.NDArray[Any]:
     """The end of each quarter, so many ticks long."""
     quarter = values.size // 4
     return values[values.size - 4 * quarter :].reshape(4, quarter)[:, quarter - ticks :]
@@ -476,8 +525,9 @@ def _grew(run: _Run) -> Finding | None:
     quarter = windows.size // 4
     if quarter < 2:
         return None
-    parts, speeds = (np.median(x[-4 * quarter :].reshape(4, quarter), axis=1) for x in (windows, run.speeds()))
-    same = speeds[:3] * AS_FAST >= speeds[3]
+    errors, fast, shares = (x[-4 * quarter :].reshape(4, quarter) for x in (windows, run.speeds(), run.counted()))
+    parts, speeds, counted = np.median(errors, axis=1), np.median(fast, axis=1), np.min(shares, axis=1)
+    same = (speeds[:3] * AS_FAST >= speeds[3]) & (counted[:3] >= AS_MANY * counted[3])
     before = float(parts[:3][same].min()) if same.any() else float(parts[3])
     if parts[3] <= max(GREW * before, MATTERS * run.tolerable):
         return None
@@ -497,6 +547,7 @@ CHECKS = (
     _rejected,
     _oscillated,
     _another_stage,
+    _elsewhere,
     _restored,
     _unsettled,
     _grew,

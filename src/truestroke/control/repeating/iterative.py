@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.display import Displayed, Rows, figures, quantity
+from truestroke.base.display import Displayed, Rows, figures, quantity, taken_for_um
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
@@ -36,6 +36,7 @@ from truestroke.control.repeating.response_prior import (
 from truestroke.control.repeating.steps import finished
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics
+from truestroke.signals.clipping import clipped
 from truestroke.signals.trajectories import Trajectory
 
 BAND = 2.4  # times the first resonance: harmonics up to there are learned
@@ -49,6 +50,8 @@ NEAR = 2.0  # times the noise: an error that more passes hardly lower
 FINE = 1e-3  # of the peak-to-peak, rms: a result that is good
 HELD = 0.4  # of the noise of a pass: what of it is learned, and moves the stage
 SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help
+SHOWN = 2.0  # times the noise: with no more a pass shows no motion
+CROSSED = 0.05  # of the span of the voltage: how far it goes on while a sensor is at the end of its range
 GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
 
 
@@ -301,10 +304,11 @@ class IterativeLearning(Displayed):
         z = self._periods(measured)
         if z is None:
             return self._missed()
+        self._refuse_clipped(z)
         mean, noise2 = self._mean(z)
         Z, first = np.fft.rfft(mean), self._hysteresis is None
         if first:
-            self._scale(np.fft.rfft(self.volts), Z)
+            self._scale(np.fft.rfft(self.volts), Z, noise2)
         error = mean - np.fft.irfft(self._law.desired, self.samples)
         rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
         if first or float(np.std(error[self.counts])) < self._law.best:
@@ -359,6 +363,20 @@ class IterativeLearning(Displayed):
         z = np.where(np.isfinite(z), z, np.nan).reshape(-1, self.samples)
         return None if np.isnan(z).all(axis=0).any() else z
 
+    def _refuse_clipped(self, z: FloatArray) -> None:
+        """SettingError where the sensor is at the end of its range: the law would raise the voltage up to its limit."""
+        volts, seen = np.tile(self.volts, len(z)), np.isfinite(z.ravel())
+        cut = clipped(z.ravel()[seen], volts[seen], CROSSED * float(np.ptp(self.volts)))
+        if np.mean(cut) <= LIMITED:
+            return
+        end = float(np.median(z.ravel()[seen][cut]))
+        value = f"{100 * np.mean(cut):.2g} % of the samples at {figures(end, 4)} um, while the voltage goes on"
+        bound = (
+            f"of a sensor that goes beyond, for a motion of {figures(float(self.desired.min()))} to "
+            f"{figures(float(self.desired.max()))} um: shift its range, or the motion (`offset`), or make it smaller"
+        )
+        raise SettingError("measured", value, bound)
+
     def _mean(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean of the periods, um, and variance of each harmonic of it: from one period to the next, without creep."""
         mean = np.nanmean(z, axis=0)
@@ -386,13 +404,20 @@ class IterativeLearning(Displayed):
             **same,
         )
 
-    def _scale(self, U: ComplexArray, Z: ComplexArray) -> None:
+    def _scale(self, U: ComplexArray, Z: ComplexArray, noise2: FloatArray) -> None:
         """Correct the gain by the first pass."""
-        found = self._law.gain(U, Z)
+        found, moved = self._law.gain(U, Z), self._learned & (self._frequency > 0)
         low, high = GAINS
+        rms, noise = (math.sqrt(2 * np.sum(one[moved])) / self.samples for one in (np.abs(Z) ** 2, noise2))
+        span = float(np.ptp(self.desired))
+        if abs(found) < low and rms <= SHOWN * noise + PERIODIC * span:
+            seen = f"{round(rms / span, 9) * span:.2g} um rms, with a noise of {noise:.2g}"
+            remedy = "look at the sensor, its cable and channel, and at the amplifier"
+            raise SettingError("measured", seen, f"a motion of about {figures(span)} um: {remedy}")
         if not low <= found <= high:
-            value = f"{self.gain:g} um/V, where the first pass shows {found * self.gain:.3g}"
-            bound = "within ten times of it, and of its sign: is the recording of this axis, and in um?"
+            value = f"{self.gain:g} um/V, where the first pass shows {figures(found * self.gain)}"
+            why = taken_for_um(found, "is the recording of this axis, and in um?")
+            bound = f"within ten times of it, and of its sign: {why}"
             raise SettingError("gain", value, bound)
         self._law.scale(found)
 

@@ -16,8 +16,9 @@ from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import GAP, Record, as_record
-from truestroke.identification.records.series import MOVES, clipped
+from truestroke.identification.records.series import MOVES
 from truestroke.identification.records.turning import Rows
+from truestroke.signals.clipping import clipped
 from truestroke.signals.noise import noise
 from truestroke.signals.quiet import noise_not_followed
 

@@ -14,6 +14,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import FEWEST_ROWS
 from truestroke.signals.channels import Signals
+from truestroke.signals.clipping import clipped
 from truestroke.signals.quiet import noise_not_followed, without_noise
 
 SAMPLES = 500_000  # of the record at most: longer ones are replaced by means over blocks
@@ -21,7 +22,6 @@ REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the ro
 SWEPT = 0.96  # of the voltage range: when it has been swept, the plays do not remember what was before
 UNSWEPT = 0.6  # over the motion that remains: what it is worth to know all states of the plays
 STILL = 0.025  # of the voltage range: steps back and forth that are smaller are no motion
-FLAT = 4  # equal values at an extreme that are no accident
 MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
 RING_SHARE, RING_TURNS = 0.25, 6  # of its range, and turns of so much, with both ends: more is a stage that rings
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
@@ -225,19 +225,3 @@ def to_and_fro(signal: FloatArray) -> float:
         return 0.0
     beyond = max(most - max(ends), min(ends) - least)
     return float(min(beyond, abs(most + least - 2 * signal[-1])))
-
-
-def clipped(signal: FloatArray, other: FloatArray, moves: float) -> npt.NDArray[np.bool_]:
-    """Rows in runs at an extreme value of `signal` in which `other` moves by more than `moves`, shape (samples,).
-
-    A run that `other` does not cross is a hold. A run that `signal` enters by a jump is a step, after which a
-    displacement still settles.
-    """
-    rows = np.zeros(signal.size, dtype=np.bool_)
-    for extreme in (signal.min(), signal.max()):
-        at = np.flatnonzero(signal == extreme)
-        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
-            entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
-            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
-                rows[run] = True
-    return rows

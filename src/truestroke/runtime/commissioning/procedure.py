@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truestroke.base.display import taken_for_um
 from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 from truestroke.runtime.commissioning import answer
@@ -254,9 +255,11 @@ def _possible(found: Gain, expected: float | None, bench: _Bench) -> None:
 
 def _wrong_gain(found: Gain, expected: float, bench: _Bench) -> str:
     (low, high), stroke = (share * expected for share in COMMISSIONING), expected * bench.span
+    why = taken_for_um(found.gain / expected)
     return (
         f"the gain is {found.gain:.3g} um/V; stroke over voltage_limits is {expected:.3g} um/V ({stroke:.4g} um over "
-        f"{bench.span:.4g} V), which allows {low:.3g} to {high:.3g}: look at um_per_volt (um_per_unit), stroke, limits"
+        f"{bench.span:.4g} V), which allows {low:.3g} to {high:.3g}: {why and f'{why}; '}look at um_per_volt "
+        "(um_per_unit), stroke, limits"
     )
 
 

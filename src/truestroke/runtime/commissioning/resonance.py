@@ -76,7 +76,8 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
         return record.found(none, f"not sought at {sample_rate:g} Hz, only from {SLOWEST:g} Hz on", noise)
     fits = sorted((record.fit(f, onset) for f in record.candidates(onset)), key=lambda fit: fit.left)
     best = fits[0] if fits and record.better(fits[0], none) else none
-    reason = "" if best is not none else f"no resonance is seen below {sample_rate / 2:g} Hz"
+    hidden = f"no resonance is seen in small steps below {sample_rate / 2:g} Hz; `truestroke bode` finds weaker ones"
+    reason = "" if best is not none else hidden
     if best is not none:
         others = [fit for fit in fits if not 0.95 < fit.frequency / best.frequency < 1.05]
         if best.frequency > 0.5 * sample_rate:

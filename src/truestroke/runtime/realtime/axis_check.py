@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from truestroke.base.display import taken_for_um
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
 from truestroke.control.settings import ControllerSettings
@@ -248,10 +249,12 @@ def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) 
             "in [driver], or the polarity of the amplifier",
         )
     if not low - uncertainty <= gain <= high + uncertainty:
+        remedy = "Correct um_per_volt (um_per_unit) in [driver], or stroke, or voltage_limits"
+        why = taken_for_um(gain / a.expected)
         raise Stop(
             Cause.CHECK,
             f"{a.probe}; it answers {a.seen:+.3g} um: {gain:.3g} um/V, where stroke and voltage_limits allow {low:.3g} "
-            f"to {high:.3g} um/V. Correct um_per_volt (um_per_unit) in [driver], or stroke, or voltage_limits",
+            f"to {high:.3g} um/V{why and f': {why}'}. {remedy}",
         )
     _check_reach(a, gain)
 

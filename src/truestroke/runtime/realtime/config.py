@@ -16,7 +16,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.controller import AdaptiveController, Controller
-from truestroke.control.model_file import ModelFileError, load_model
+from truestroke.control.model_file import BadModelError, ModelFileError, usable_model
 from truestroke.control.repeating.repetition import check_repeats
 from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings
@@ -444,7 +444,10 @@ def _dynamics(key: str, folder: Path, name: str) -> Dynamics:
 
 def _model(name: str, folder: Path) -> ActuatorModel:
     try:
-        return load_model(folder / name)
+        return usable_model(folder / name)
+    except BadModelError as error:
+        reason = str(error).partition(". Record")[0]
+        raise SettingError("model", repr(name), f"a model whose verdict is not bad ({reason})") from None
     except ModelFileError as error:
         raise SettingError("model", repr(name), f"a model of truestroke identify ({error})") from None
 

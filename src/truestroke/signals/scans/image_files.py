@@ -244,7 +244,7 @@ def _read_tiff(path: Path) -> list[Image]:
     with tifffile.TiffFile(path) as file:
         shared = _by_imagej(file) or _by_ome(file)
         for i, page in enumerate(file.pages):
-            data = _grey(np.asarray(page.asarray(), dtype=np.float64))
+            data = _grey(_measured(page))
             tags = {tag.name: tag.value for tag in page.tags}
             about = _about(str(tags.get("ImageDescription", "")))
             names, size = shared.get("names", ()), _size(data.shape, tags, shared.get("unit"))
@@ -260,6 +260,17 @@ def _read_tiff(path: Path) -> list[Image]:
                 )
             )
     return made
+
+
+def _measured(page: Any) -> FloatArray:
+    """The numbers of a page of a TIFF: brighter is more, and those of a palette are its colours."""
+    data = np.asarray(page.asarray())
+    if page.photometric is not None and page.photometric.name == "MINISWHITE":
+        white = 2.0**page.bitspersample - 1 if data.dtype.kind in "bu" else 0.0
+        return np.asarray(white - data.astype(np.float64))
+    if page.colormap is not None:
+        data = np.moveaxis(page.colormap[:, data], 0, -1)
+    return np.asarray(data, dtype=np.float64)
 
 
 def _by_imagej(file: Any) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base import checks
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
@@ -177,6 +178,12 @@ class _Measured:
         x, y = (_without_gaps(one) for one in places.T)
         return cls(error, distortion(scan, x, y, columns))
 
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Of a tick of the sensors, um rms."""
+        x, y = (metrics.noise(one) for one in self.error.T)
+        return x, y
+
     def off(self, pixel: tuple[float, float]) -> float:
         """Distance of a pixel from its place, pixels, rms, without noise."""
         return float(np.linalg.norm([one / size for one, size in zip(_rms(self.error), pixel, strict=True)]))
@@ -284,7 +291,8 @@ def _judged(
     remedy: str,
 ) -> Verdict:
     """Errors in pixels of the image, with a remedy; what the noise of the sensors makes of them counts for nothing."""
-    off = found.off(next(iter(made.values())).pixel)
+    pixel = next(iter(made.values())).pixel
+    off = found.off(pixel)
     findings: list[tuple[Level, str]] = []
     if rows[0] < rows[1]:
         findings.append(("doubtful", f"The scan ended after row {rows[0]} of {rows[1]}."))
@@ -299,5 +307,12 @@ def _judged(
     far = [one for one in measured if one[1] > SEEN + one[2]]
     for words, pixels, allowed in far:
         findings.append(("bad" if pixels > CLEAR + allowed else "doubtful", words.format(pixels)))
+    if not far and any(noise > size for noise, size in zip(found.noise, pixel, strict=True)):
+        small, loud = (" x ".join(figures(1000 * one) for one in both) for both in (pixel, found.noise))
+        words = (
+            f"A pixel of {small} nm is smaller than the noise of the sensors, {loud} nm rms: they do not show whether "
+        )
+        words += "it is in its place. Scan a larger area or fewer pixels, or average in the sensor."
+        findings.append(("doubtful", words))
     findings += [("doubtful", remedy)] * bool(remedy)
     return Verdict.of(findings)
