@@ -12,6 +12,7 @@ Strokes of 0.5 to 200 um, voltage limits from 4 to 1250 V. Sines and rasters up 
     python -m benchmarks.foreign_stages --stages 24 --at 0.2         # resonances at a fifth of the sample rate
     python -m benchmarks.foreign_stages --stages 40 --resonances 45 110 --measure   # soft stages are only measured
     python -m benchmarks.foreign_stages --nothing --only 3 --duration 16
+    python -m benchmarks.foreign_stages --stages 24 --modes three      # or front: the first mode is the smaller one
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from truestroke import AdaptiveController, DynamicsError, Timing, measure_dynamics, run, trajectories
+from truestroke.signals.judgement import judge
 
 FloatArray = NDArray[np.float64]
 LIMITS = ((0.0, 100.0), (-20.0, 120.0), (-10.0, 10.0), (-0.6, 3.6), (-250.0, 1000.0))  # V
 STROKES = (0.5, 10.0, 30.0, 200.0)  # um
 RATES = (5000.0, 10000.0, 20000.0)  # Hz
 RESONANCES = (60.0, 2000.0)  # Hz
+ARRANGED = ("close", "three", "front")
 RELAYS = 100  # thresholds of each direction
 
 
@@ -134,10 +137,21 @@ class First:
     low: float = RESONANCES[0]
     high: float = RESONANCES[1]
     at: float | None = None
+    arranged: str | None = None  # of `ARRANGED`
 
     def of(self, rate: float, random: np.random.Generator) -> float:
         drawn = min(float(np.exp(random.uniform(np.log(self.low), np.log(self.high)))), rate / 8)
         return self.at * rate if self.at else drawn
+
+
+def arranged(kind: str, f0: float, zeta: float, random: np.random.Generator) -> list[tuple[float, float, float]]:
+    """Modes near to each other: two, three, or a small one in front of that which carries the most."""
+    if kind == "three":
+        second, third, lower, higher = random.uniform([1.4, 2.2, 0.05, 0.05], [2.0, 3.2, 0.2, 0.2])
+        return [(f0, zeta, 1 - lower - higher), (second * f0, zeta, lower), (third * f0, zeta, higher)]
+    ratio = random.uniform(*((1.6, 2.5) if kind == "front" else (1.15, 1.6)))
+    share = random.uniform(*((0.75, 0.95) if kind == "front" else (0.1, 0.4)))
+    return [(f0, zeta, 1 - share), (ratio * f0, zeta, share)]
 
 
 def sampled(number: int, first: First = First()) -> tuple[Stage, str]:
@@ -148,6 +162,9 @@ def sampled(number: int, first: First = First()) -> tuple[Stage, str]:
     zeta = np.exp(random.uniform(np.log(0.004), np.log(0.08), size=2))
     ratio, share = random.uniform(2.0, 3.5), random.uniform(0.02, 0.2) if random.random() < 0.6 else 0.0
     modes = [(f0, float(zeta[0]), 1 - share), (ratio * f0, float(zeta[1]), share)][: 2 if share else 1]
+    if first.arranged:
+        modes = arranged(first.arranged, f0, float(zeta[0]), np.random.default_rng([number, 2]))
+        share, ratio = modes[1][2], modes[1][0] / f0
     kind, part = (Duhem, 0.22) if random.random() < 0.5 else (Relays, 0.15)
     limits, stroke = LIMITS[random.integers(5)], float(random.choice(STROKES))
     stage = Stage(
@@ -192,9 +209,10 @@ def follow(
         wave = trajectories.sine(frequency=frequency, sample_rate=stage.rate, **motion)
     if jump:
         stage.jump = round((duration / 2 - 1) * stage.rate), float(random.choice([0.95, 1.05]))
-    run(wave, AdaptiveController(**settings), stage)
+    verdict = judge(run(wave, AdaptiveController(**settings), stage))
     error = 100 / (top - bottom) * (np.array(stage.true) - wave.position)
-    words = f"{'raster' if lines else 'sine':6} {frequency / stage.modes[0][0] * (0.3 if lines else 1):.2f} f0"
+    relative = frequency / stage.modes[0][0] * (0.3 if lines else 1)
+    words = f"{'raster' if lines else 'sine':6} {relative:.2f} f0 {verdict.level:8}"
     last, later = error[error.size // 2 :], error[round(stage.rate / 2) :]
     return words, float(np.sqrt(np.mean(last**2))), float(np.abs(later).max())
 
@@ -217,10 +235,11 @@ def main() -> None:
     parser.add_argument("--resonances", nargs=2, type=float, default=RESONANCES, help="f0 from, to, Hz")
     parser.add_argument("--jump", action="store_true", help="f0 changes by 5 %%, 1 s before the last half")
     parser.add_argument("--at", type=float, help="f0 of all stages, over the sample rate")
+    parser.add_argument("--modes", choices=ARRANGED, help="modes that are near to each other")
     parser.add_argument("--measure", action="store_true", help="only measure the dynamics")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # of the slew rate that a motion needs
-    first = First(*options.resonances, options.at)
+    first = First(*options.resonances, options.at, options.modes)
     columns = ("f0", "damping, %") if options.measure else ("rms", "largest, % of p-p")
     print("    hysteresis f0, Hz kHz damping second           voltage    stroke   " + "  ".join(columns))
     numbers, kept = options.only or range(options.first, options.first + options.stages), []

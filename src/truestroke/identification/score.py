@@ -32,9 +32,7 @@ EXPLAINED = 0.5  # of the rmse remains beside what explains it, at most
 SCALED = 0.005  # by so much another gain differs, at least
 UNIT = 1.1  # times, or less than one part in so many: more than a day, a load or an amplifier changes a gain
 RATES = 10.0 ** (np.arange(-6, 7) / 4)  # times the stated sample rate, among which the true one is looked for
-ANOTHER_RATE = (
-    1.5  # times, or less than one part in so many: a stage whose load has changed is as much faster or slower
-)
+ANOTHER_RATE = 1.5  # times, or one part in so many: with another load a stage is faster or slower by less
 BESIDE = 0.7  # of what remains beside any other cause: beside a sample rate it must be less
 MOSTLY = 0.5  # of the samples: motion that is beyond the record of the model in more of them is a reason at all events
 TIMES = "times as far as predicted"
