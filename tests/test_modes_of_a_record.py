@@ -174,3 +174,23 @@ def test_a_stage_answers_as_scipy_has_it(dead_time):
         G = w * w / (s * s + 2 * 0.05 * w * s + w * w) * np.exp(-s * dead_time) * held
         expected = (G * np.exp(s * t)).imag
         np.testing.assert_allclose(moved[4000:], expected[4000:], atol=6e-3 * abs(G))
+
+
+def test_a_second_mode_is_found_behind_dead_time():
+    """340 Hz beside 110 Hz, 6 ticks late: without these the phase of a candidate is wrong."""
+    rng = np.random.Generator(np.random.PCG64(5))
+    strain = foreign_records.low_pass(rng.uniform(0, 10, 50)[np.arange(4000) // 80], 2e3, 400.0)
+    pair = Mode(frequency=110.0, damping=0.03, share=0.85), Mode(frequency=340.0, damping=0.03, share=0.15)
+    z = stage.through(Dynamics(sample_rate=2e3, modes=pair, dead_time=3e-3), strain) + rng.normal(0, 0.01, 4000)
+    alone = Dynamics(sample_rate=2e3, modes=(Mode(frequency=110.0, damping=0.03),), dead_time=3e-3)
+    search = ModeSearch(strain, z, np.ones(4000, dtype=bool), 2e3)
+    assert np.exp(search._next(alone)[1]) == pytest.approx(340.0, rel=0.05)
+
+
+def test_modes_that_ring_are_alone():
+    """With the shares that they have among each other; none where they have hardly any of the motion."""
+    flat = Mode(frequency=40.0, damping=0.5, share=0.2)
+    ringing = Mode(frequency=110.0, damping=0.03, share=0.6), Mode(frequency=340.0, damping=0.03, share=0.2)
+    found = Dynamics(sample_rate=2e3, modes=(flat, *ringing))
+    assert [mode.share for mode in modes.resonant(found).modes] == pytest.approx([0.75, 0.25])
+    assert modes.resonant(Dynamics(sample_rate=2e3, modes=(Mode(frequency=40.0, damping=0.5),))) is None

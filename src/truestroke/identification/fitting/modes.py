@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import Any
@@ -22,10 +23,12 @@ START = 0.03  # damping of a candidate
 RINGS = 2.0  # times the strain: more of a line is that of a mode which rings
 NARROW = (0.0007, 0.0013, 0.0025, 0.005, 0.01)  # damping of candidates at such a line
 DAMPING = 5e-4, 0.5
+FLAT = 0.3  # damping: a mode with more rings no more, and may stand for hysteresis, creep or lag
 WIDTH = 3.0  # lines of the record's spectrum: a mode that is narrower may be hum, whose phase nothing in a motion knows
 AROUND = 8  # lines on each side of such a mode's, in which it is compared with hum
 STEADILY = 3  # coefficients of a polynomial in time: of amplitude and phase of hum
 DRIVEN = 0.25  # of the square there, which a mode leaves at most: fitted to hum it leaves a half and more
+LEAST = 0.05  # of the shares: that of the modes that ring, without those which do not
 SHARE = -0.5, 1.2  # of a mode
 INSIDE = 0.995  # of the highest frequency that is searched: a mode beyond is not located
 NEAR = 1.12  # how far a frequency may move in a search, as a ratio; modes are not found twice within it
@@ -33,6 +36,7 @@ FIRST = 2.5  # the same of the only mode, which a static model hides
 DELAY = 19.0  # samples of dead time, at most
 FIRST_LOWER = 0.97  # of the rms: the first mode must lower it so far; the weights of the static model follow it in part
 LOWER = 0.9  # the same of another mode
+AGAIN = 0.97  # of the rms: modes that are fitted anew and lower it so far are fitted once more, behind another strain
 KEPT = 12  # signals behind a mode
 EVALUATIONS = 15  # steps of the search, at most
 
@@ -52,6 +56,11 @@ class ModeSearch:
         Hz.
     narrow : bool
         Whether modes as narrow as a line of the spectrum are taken: then ask whether they hum.
+    flat : bool
+        Whether modes with a damping above `FLAT` are taken.
+    late : float
+        By how much the displacement is later than the strain behind the modes that were found, samples: the dead time
+        of the search begins with it.
     """
 
     def __init__(
@@ -61,9 +70,11 @@ class ModeSearch:
         known: npt.NDArray[np.bool_],
         sample_rate: float,
         narrow: bool = True,
+        flat: bool = True,
+        late: float = 0.0,
     ) -> None:
         self.strain, self.z, self.known = strain[:ROWS], displacement[:ROWS], known[:ROWS]
-        self.rate, self.narrow = sample_rate, narrow
+        self.rate, self.narrow, self.flat, self.late = sample_rate, narrow, flat, late
         self._last: dict[tuple[float, float, float], FloatArray] = {}
         self.lowest = max(PERIODS * sample_rate / self.strain.size, SLOWEST)
         self.highest = 0.99 * SEEN * sample_rate
@@ -77,10 +88,12 @@ class ModeSearch:
         least = self.rms(None)
         if found is not None:
             before = self.rms(found)
-            again, least = self._refined(_vector(found))
+            again, least = self._refined(_vector(self._later(found)))
             if again is not None:
                 found = again
-                if least < LOWER * before:  # first where they are, and then whether there are more
+                if (
+                    least < (AGAIN if self.late else LOWER) * before
+                ):  # first where they are, and then whether there are more
                     return found, True
         if not self.frequencies(2) or (found is not None and len(found.modes) == MODES):
             return found, False
@@ -89,9 +102,16 @@ class ModeSearch:
             return found, False
         return made, True
 
+    def _later(self, found: Dynamics) -> Dynamics:
+        """The same with the dead time with which this search begins."""
+        delay = min(max(found.dead_time * self.rate + self.late, 0.0), DELAY)
+        return dataclasses.replace(found, dead_time=delay / self.rate) if self.late else found
+
     def rms(self, found: Dynamics | None) -> float:
         """Of the residual of these modes, or of none, in the known samples, um."""
-        return float(np.std((self.z - self.strain)[self.known] if found is None else self._off(_vector(found))))
+        if found is None:
+            return float(np.std((self.z - self._late(min(self.late, DELAY)))[self.known]))
+        return float(np.std(self._off(_vector(found))))
 
     def frequencies(self, count: int) -> list[float]:
         """So many that are searched, Hz; none in a record that is too short for a search."""
@@ -107,7 +127,9 @@ class ModeSearch:
 
     def _next(self, found: Dynamics | None) -> FloatArray:
         """One mode more, where the spectrum of the residual has most of it: the search starts there."""
-        made = self.strain if found is None else stage.through(found, self.strain)
+        delay = min(self.late, DELAY) if found is None else found.dead_time * self.rate
+        late = self._late(delay) + self.strain[0]
+        made = late if found is None else stage.through(found, self.strain)
         f = np.fft.rfftfreq(self.strain.size, 1 / self.rate)
         seen = (f > self.lowest / 2) & (f < 0.49 * self.rate)
         window, f = np.hanning(self.strain.size), f[seen]
@@ -115,7 +137,7 @@ class ModeSearch:
         def spectrum(x: FloatArray) -> ComplexArray:
             return np.asarray(np.fft.rfft(window * np.where(self.known, x - x[self.known].mean(), 0.0))[seen])
 
-        U, E = spectrum(self.strain), spectrum(self.z - made)
+        U, E = spectrum(late), spectrum(self.z - made)
         base = np.ones_like(U) if found is None else sum(m.response(2j * math.pi * f) for m in found.modes)
         modes = () if found is None else found.modes
         candidates = self._apart(np.array(self.frequencies(CANDIDATES)), modes)
@@ -123,7 +145,7 @@ class ModeSearch:
             (c, START, (Mode(frequency=c, damping=START).response(2j * math.pi * f) - base) * U) for c in candidates
         )
         rung = (
-            (c, damping, spectrum(self._behind(c, damping, 0.0) + self.strain[0] - made))
+            (c, damping, spectrum(self._behind(c, damping, delay) + self.strain[0] - made))
             for c in (self._apart(self._line(f, U, E), modes) if self.narrow else ())
             for damping in NARROW
         )
@@ -136,7 +158,7 @@ class ModeSearch:
                 least, best = rest, (candidate, damping, float(np.clip(share, -0.9, 0.9)))
         frequency, damping, share = best
         if found is None:
-            return np.array([math.log(frequency), math.log(damping), 0.5])
+            return np.array([math.log(frequency), math.log(damping), max(delay, 0.5)])
         f_, dampings, shares, delay = _parts(_vector(found))
         shares = np.append(shares[1:] * (1 - share), share)
         return np.concatenate([np.log([*f_, frequency]), np.log([*dampings, damping]), shares, [delay]])
@@ -155,7 +177,7 @@ class ModeSearch:
     def _refined(self, start: FloatArray) -> tuple[Dynamics | None, float]:
         """The numbers with the least sum of squares, beside an offset, and the rms of the residual, um.
 
-        None where they have no stable inverse, or are narrow and not asked for.
+        None where they have no stable inverse, or are narrow or flat and not asked for.
         """
         from scipy.optimize import least_squares
 
@@ -232,8 +254,10 @@ class ModeSearch:
         return np.asarray(spectrum[max(line - AROUND, 0) : line + AROUND + 1])
 
     def _dynamics(self, vector: FloatArray) -> Dynamics | None:
-        """As the controller takes them; None where they have no stable inverse, are too near each other, or narrow."""
+        """As the controller takes them; None where they have no stable inverse, are near each other, narrow or flat."""
         f, damping, shares, delay = _parts(vector)
+        if not self.flat and np.any(damping > FLAT):
+            return None
         if not self.narrow and np.any(self._narrow(f, damping)):
             return None
         modes = [
@@ -246,6 +270,21 @@ class ModeSearch:
             return made
         except SettingError:
             return None
+
+
+def flat(found: Dynamics) -> bool:
+    """Whether a mode does not ring."""
+    return any(mode.damping > FLAT for mode in found.modes)
+
+
+def resonant(found: Dynamics) -> Dynamics | None:
+    """Those modes alone that ring, with shares that sum to 1; None where none does, or they have hardly a share."""
+    kept = [mode for mode in found.modes if mode.damping <= FLAT]
+    total = sum(mode.share for mode in kept)
+    if not kept or total < LEAST:
+        return None
+    modes = tuple(dataclasses.replace(mode, share=mode.share / total) for mode in kept)
+    return dataclasses.replace(found, modes=modes)
 
 
 def _of_lines(w: float, damping: float) -> tuple[list[float], list[float]]:

@@ -1,7 +1,7 @@
 """From the first samples of a record to a model: dead time, structure, stage, branches, weights."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,9 @@ NEAR = 0.25  # of the stroke
 FEWEST = 20  # samples in each part
 RESONATES = 0.9  # of the rmse of cross-validation: modes of the stage must lower it so far
 NEITHER_IF = 0.9  # of the rmse of cross-validation with a dead time or lag: without it must be below
-SEARCHES = 8  # for modes at most, each behind a model that was fitted with those of the one before
+LAGS = 0.5  # samples: a lag behind modes that is longer may be dead time which they lack
+OTHERS = 0.9  # of the rmse of cross-validation with the modes of the first search: those of another must be below
+SEARCHES = 12  # for modes at most, each behind a model that was fitted with those of the one before
 
 
 def fit_samples(
@@ -154,12 +156,12 @@ def _resonances(
     if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
         return None
     pull = weight * searched.displacement.size / static.displacement.size
-    dynamics = _searched(s, searched, structure, pull, guess, None if before is None else before.model.dynamics)
-    if dynamics is None:
+    found = _searched(s, searched, structure, pull, guess, None if before is None else before.model.dynamics)
+    each = [(dynamics, *_compared(static, dynamics, chosen)) for dynamics in found]
+    if not each:
         return None
-    data = _behind_modes(static, dynamics)
-    guess = _strain(data, structure, weight, guess)
-    if with_this(data, structure, guess, weight) > tried[-1].rmse:
+    dynamics, rmse, data, guess = each[-1] if each[-1][1] < OTHERS * each[0][1] else each[0]
+    if rmse > tried[-1].rmse:
         return None
     thresholds = {"thresholds": structure.thresholds}
     structure, weight, more = choose(data, guess, {**fixed, **thresholds})
@@ -169,54 +171,105 @@ def _resonances(
     return dynamics, structure, weight, guess, (*tried, *more)
 
 
+def _compared(static: Data, dynamics: Dynamics, chosen: _Chosen) -> tuple[float, Data, FloatArray]:
+    """The rmse of cross-validation behind these modes, um, with the samples and the strain behind them."""
+    structure, weight, guess, _ = chosen
+    data = _behind_modes(static, dynamics)
+    strain = _strain(data, structure, weight, guess)
+    return with_this(data, structure, strain, weight), data, strain
+
+
 def _is_branches(static: Data, chosen: _Chosen, resonant: Data, behind: _Chosen) -> bool:
     """Whether what looks like a mode behind plays is hysteresis of another kind: branches explain it as well."""
     without = _with_any_branches(static, chosen)
     return without.taken is not None and _with_any_branches(resonant, behind).least > RESONATES * without.least
 
 
+class _Searches:
+    """Searches for modes, each behind a model that was fitted with those of the one before."""
+
+    def __init__(self, s: Series, static: Data, structure: Structure, weight: float, guess: FloatArray) -> None:
+        n = static.volts.size
+        first = 0 if structure.rested else static.settled * static.every
+        self.static, self.structure, self.weight, self.guess = static, structure, weight, guess[:n]
+        self.known, self.z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - static.zero
+        self.rate, self._fits = s.sample_rate, list[tuple[Dynamics | None, Fit]]()
+
+    def behind(self, found: Dynamics | None, narrow: bool = True, flat: bool = True, lags: bool = False) -> ModeSearch:
+        """A search behind these modes; with `lags` the lag of the model is kept, else it is for the dead time."""
+        fit = next((fit for those, fit in self._fits if those is found), None)
+        if fit is None:
+            fit = self._fit(_behind_modes(self.static, found))
+            self._fits.append((found, fit))
+        strain, late = (fit.strain, 0.0) if lags else _without_lag(fit, self.static, found)
+        return ModeSearch(strain, self.z, self.known, self.rate, narrow, flat, late)
+
+    def _fit(self, data: Data) -> Fit:
+        return fit_structure(data, self.structure, self.weight, self.guess, certain=False)
+
+    def strain(self, data: Data) -> FloatArray:
+        """What a fitted model gives before the stage, um above `Data.zero`."""
+        return self._fit(data).strain
+
+    def in_turn(self, found: Dynamics | None, flat: bool = True, lags: bool = False) -> Dynamics | None:
+        """Modes behind a strain and strain behind modes until they stay; where one may be hum, without narrow ones."""
+        for narrow in (True, False):
+            made, more = found, True
+            for _ in range(SEARCHES):
+                made, more = self.behind(made, narrow, flat, lags).run(made)
+                if not more:
+                    break
+            if made is None or not narrow or not self.behind(made, narrow, lags=True).hums(made):
+                break
+        return made
+
+
 def _searched(
     s: Series, static: Data, structure: Structure, weight: float, guess: FloatArray, found: Dynamics | None
-) -> Dynamics | None:
-    """The modes that samples show beyond those that were found.
+) -> list[Dynamics]:
+    """The modes that samples show beyond those that were found; where they may be wrong, those of another search, too.
 
-    Each is found behind a model with those before. Where none is, the model without may have followed one.
+    They may be where there are none, where one does not ring, or where the model behind them has a lag, which should be
+    dead time: the other search has the lag as dead time, and modes that ring alone. Each is found behind a model with
+    those before. Where none is, the model without may have followed one.
     """
-    n = static.volts.size
-    first = 0 if structure.rested else static.settled * static.every
-    known, z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - static.zero
+    searches = _Searches(s, static, structure, weight, guess)
+    made = searches.in_turn(found, lags=True) or _absorbed(searches)
+    if made is not None and not modes.flat(made) and abs(searches.behind(made).late) < LAGS:
+        return [made]
+    others = searches.in_turn(None, flat=False)
+    if others is None and made is not None and (ringing := modes.resonant(made)) is not None:
+        others = searches.in_turn(ringing, flat=False)
+    return [each for each in (made, others) if each is not None]
 
-    strains: list[tuple[Dynamics | None, FloatArray]] = []
 
-    def search(behind: Dynamics | None, narrow: bool) -> ModeSearch:
-        made = next((made for modes, made in strains if modes is behind), None)
-        if made is None:
-            made = _strain(_behind_modes(static, behind), structure, weight, guess)
-            strains.append((behind, made))
-        return ModeSearch(made, z, known, s.sample_rate, narrow)
-
-    made = _in_turn(search, found)
-    begun = None if made else absorbed(search(None, True), _behind_modes(static, None), structure, weight)
+def _absorbed(searches: _Searches) -> Dynamics | None:
+    """The modes beginning with one that the model without has followed, if there is one."""
+    static = searches.static
+    begun = absorbed(searches.behind(None, lags=True), _behind_modes(static, None), searches.structure, searches.weight)
     if begun is None:
-        return made
-    without = (z - static.through(_strain(static, structure, weight, guess)))[known]
-    if search(begun, True).rms(begun) >= modes.FIRST_LOWER * np.std(without):
         return None
-    made = _in_turn(search, begun)
-    return made if made is not None and search(made, True).inside(made) else None
+    without = (searches.z - static.through(searches.strain(static)))[searches.known]
+    if searches.behind(begun, lags=True).rms(begun) >= modes.FIRST_LOWER * np.std(without):
+        return None
+    made = searches.in_turn(begun, lags=True)
+    return made if made is not None and searches.behind(made, lags=True).inside(made) else None
 
 
-def _in_turn(search: Callable[[Dynamics | None, bool], ModeSearch], found: Dynamics | None) -> Dynamics | None:
-    """Modes behind a strain and strain behind modes until they stay; where one may be hum, without narrow ones."""
-    for narrow in (True, False):
-        made, more = found, True
-        for _ in range(SEARCHES):
-            made, more = search(made, narrow).run(made)
-            if not more:
-                break
-        if made is None or not narrow or not search(made, narrow).hums(made):
-            break
-    return made
+def _without_lag(fit: Fit, data: Data, behind: Dynamics | None) -> tuple[FloatArray, float]:
+    """The strain of a fit without its lag, um above `Data.zero`, and that lag, samples: the search makes it dead time.
+
+    A lag would keep what the dead time lacks, and each mode would be looked for with a wrong phase. It is taken as far
+    as the dead time does not become negative.
+    """
+    at = fit.model.columns["lag"]
+    lag = -float(fit.model.weights[at].sum())
+    late = max(lag, 0.0 if behind is None else -behind.dead_time)
+    weights = fit.model.weights.copy()
+    weights[at] += late
+    if not weights[at].size or not late:
+        return fit.strain, 0.0
+    return fit.model.replace(weights=weights).strain(data.volts, data.sample_rate), late * data.sample_rate
 
 
 def _behind_modes(data: Data, dynamics: Dynamics | None) -> Data:
