@@ -480,7 +480,7 @@ def test_a_sensor_that_goes_the_other_way_or_hardly_at_all_is_refused(sign):
         ),
         (lambda z: 0 * z + 12.0, "0 um rms, with a noise of 0: must be a motion of about 20 um: look at the sensor"),
         (lambda z: np.random.default_rng(1).normal(12.0, 0.01, z.shape), "must be a motion of about 20 um: look at"),
-        (lambda z: 1000 * z, "of its sign: the sensor seems to report in nm, not in um"),
+        (lambda z: 1000 * z, "of its sign: the sensor seems to report in nm, not in um, or the stroke to be in mm"),
     ],
 )
 def test_what_is_wrong_with_the_sensor_is_named(sensor, words):
