@@ -210,6 +210,45 @@ def test_tracking_that_was_lost_for_a_while_or_at_the_end_is_said():
     assert text.startswith("At the end the error was 9 um rms over 0.25 s: it has not converged.")
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize(
+    ("ends", "level"),
+    [
+        ((9.0, 99.0), "bad"),
+        ((3.0, 99.0), "bad"),
+        ((-1.0, 9.0), "bad"),
+        ((-1.0, 19.0), "doubtful"),
+        ((-1.0, 99.0), "good"),
+    ],
+)
+def test_a_sensor_at_an_end_of_its_range_is_named(ends, level, noise):
+    """Its rest is the zero, as in a run in real time: the motion was 9 um too high, and the run good."""
+    zero, seen = max(ends[0], 0.0), NOISE[:3000] * noise
+    desired = wave(3000)
+    moved = desired + zero
+    moved[:100] = np.minimum(moved[:100], 0.3 * np.arange(100))  # the voltage rises until the sensor answers
+    found, text = judged(made(np.clip(moved, *ends) - zero + seen, desired, volts=moved / 10.0))
+    assert found == level
+    assert ("range ends" in text) is (level != "good")
+    assert ("its zero is not that of the stage" in text) is (zero > 0.0)
+
+
+def test_what_stands_still_is_not_always_at_an_end():
+    """A sensor that is late, of coarse steps, or steps that are held."""
+    time = np.arange(4000) / RATE
+    square = 10.0 * (np.floor(8.0 * time) % 2)
+    for desired in (wave(4000), wave(4000, 0.2), square):
+        for late, step in ((0, 0.15), (40, 0.15), (40, 0.0), (0, 0.01)):
+            z = np.r_[np.zeros(late), desired][:4000]
+            z = step * np.round(z / step) if step else z
+            assert "range ends" not in judged(made(z, desired, volts=desired / 10.0))[1], (late, step)
+
+
+def test_an_error_at_rest_of_a_controller_without_a_stroke_is_said():
+    at_rest = Recording(made(np.ones(4000), np.zeros(4000)).channels)
+    assert judged(at_rest) == ("bad", "The error is 1 um rmse, at rest.")
+
+
 def test_an_error_that_grows_is_said_though_it_is_small():
     """As beside a second mode that nobody measured; a motion that becomes faster has a larger error anyway."""
     time = np.arange(8000) / RATE

@@ -474,9 +474,13 @@ def test_a_sensor_that_goes_the_other_way_or_hardly_at_all_is_refused(sign):
     ("sensor", "words"),
     [
         (lambda z: np.minimum(z, 19.0), r"% of the samples at 19 um, while the voltage goes on: must be of a sensor"),
+        (
+            lambda z: np.minimum(z, 19.0) + np.random.default_rng(1).normal(0.0, 0.01, z.shape),
+            "% of the samples at 19 um",
+        ),
         (lambda z: 0 * z + 12.0, "0 um rms, with a noise of 0: must be a motion of about 20 um: look at the sensor"),
         (lambda z: np.random.default_rng(1).normal(12.0, 0.01, z.shape), "must be a motion of about 20 um: look at"),
-        (lambda z: 1000 * z, "of its sign: the sensor seems to report in nm, not in um"),
+        (lambda z: 1000 * z, "of its sign: the sensor seems to report in nm, not in um, or the stroke to be in mm"),
     ],
 )
 def test_what_is_wrong_with_the_sensor_is_named(sensor, words):

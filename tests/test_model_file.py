@@ -1,11 +1,15 @@
 """A model file that cannot be used says so, with its name and the reason."""
 
+import warnings
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
-from truestroke import BadModelError, ModelWarning, usable_model
+from truestroke import AdaptiveController, BadModelError, ModelWarning, SettingError, learn, trajectories, usable_model
 from truestroke.base.verdict import Verdict
 from truestroke.identification import ActuatorModel, ModelFileError, load_model, save_model
+from truestroke.plant import RealisticPlant
 
 MODEL = ActuatorModel(
     thresholds=(0.0, 0.1 + 0.2),
@@ -113,4 +117,27 @@ def test_what_speaks_against_a_model_is_said_where_it_is_used(tmp_path):
     with pytest.raises(BadModelError, match=r"bad\.toml: .* is bad: The sensor was noisy\. Record again"):
         usable_model(tmp_path / "bad.toml")
     with pytest.warns(ModelWarning, match="is bad: The sensor was noisy"):
-        assert usable_model(tmp_path / "bad.toml", force=True).verdict.is_bad
+        forced = usable_model(tmp_path / "bad.toml", force=True)
+    assert forced.verdict.is_bad
+
+
+@pytest.mark.parametrize("level", ["good", "doubtful", "bad"])
+def test_python_is_warned_of_a_model_as_the_commands_are(tmp_path, level):
+    """A controller and the first pass of `learn` took a bad one in silence."""
+    found = Verdict(level, ("The sensor was noisy.",)[: level != "good"]).entries
+    file, wave = tmp_path / "m.toml", trajectories.sine(frequency=20.0, peak_to_peak=2e3, duration=0.5)
+    save_model(file, MODEL.replace(provenance=found))
+    for use in (
+        lambda model: AdaptiveController.from_model(model, sample_rate=2000.0),
+        lambda model: learn(RealisticPlant(), wave, voltage_limits=(-0.6, 3.6), slew=1e4, model=model),  # out of reach
+    ):
+        for given in (file, load_model(file)):
+            with warnings.catch_warnings(record=True) as seen, suppress(SettingError, BadModelError):
+                warnings.simplefilter("always")
+                use(given)
+            warned = level == ("doubtful" if given is file else "bad")
+            assert [w.category for w in seen] == [ModelWarning] * warned, (level, given)
+            assert all(w.filename == __file__ for w in seen)
+    if level == "bad":
+        with pytest.raises(BadModelError, match="`load_model`"):
+            learn(RealisticPlant(), wave, voltage_limits=(-0.6, 3.6), slew=1e4, model=file)

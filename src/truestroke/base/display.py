@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 WIDTH = 120  # characters of a line
-TAKEN = {1e3: "nm", 1e-3: "mm", 1e6: "pm", 1e-6: "m"}  # units for um, by how many times too many they show
+TAKEN = {1e3: ("nm", "mm"), 1e-3: ("mm", "nm"), 1e6: ("pm", "m"), 1e-6: ("m", "pm")}
+"""Units of sensor and stroke in place of um, by how many times too many um the sensor shows then."""
 ABOUT = 4.0  # times: how far the gain of an actuator may be from that of its settings, too
 WRITTEN_OUT = 1e7  # below it a number has no exponent
 FEW = 6  # entries of a sequence that are shown; of a longer one two, the last, and how many there are
@@ -75,13 +76,17 @@ def figures(value: float, digits: int = 3) -> str:
 
 
 def taken_for_um(times: float, otherwise: str = "") -> str:
-    """What is said of a sensor that shows so many times the um that are expected: its probable unit, where that is it.
+    """What is said of a sensor that shows so many times the um of a stroke: the unit of one of them, where that is it.
 
-    >>> taken_for_um(920.0, "this is not its scale"), taken_for_um(12.0, "this is not its scale")
-    ('the sensor seems to report in nm, not in um', 'this is not its scale')
+    >>> taken_for_um(920.0)
+    'the sensor seems to report in nm, not in um, or the stroke to be in mm'
+    >>> taken_for_um(12.0, "this is not its scale")
+    'this is not its scale'
     """
-    units = (unit for factor, unit in TAKEN.items() if factor / ABOUT < abs(times) < factor * ABOUT)
-    return next((f"the sensor seems to report in {unit}, not in um" for unit in units), otherwise)
+    for factor, (unit, stroke) in TAKEN.items():
+        if factor / ABOUT < abs(times) < factor * ABOUT:
+            return f"the sensor seems to report in {unit}, not in um, or the stroke to be in {stroke}"
+    return otherwise
 
 
 def quantity(value: Any, unit: str = "") -> str:

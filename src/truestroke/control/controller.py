@@ -210,15 +210,21 @@ class AdaptiveController(Displayed):
             A setting is out of bounds, or the `dynamics` are of a stage with another first resonance than the record.
         ModelFileError
             The file is no model.
+        BadModelError
+            The verdict of the model in the file is bad; `load_model` reads it all the same.
+
+        Warns
+        -----
+        ModelWarning
+            The verdict of the model in the file is doubtful, or that of an `ActuatorModel` bad; once for each model.
 
         Notes
         -----
         The covariance of the prior is that of the record, plus a share of the default one: `ActuatorModel.another_day`.
         """
-        from truestroke.control.actuator import ActuatorModel
-        from truestroke.control.model_file import load_model
+        from truestroke.control.model_file import taken
 
-        known = model if isinstance(model, ActuatorModel) else load_model(model)
+        known = taken(model)
         limits = {} if voltage_limits is None else {"voltage_limits": voltage_limits}
         checks.known(settings, SETTINGS)
         return cls.from_settings(known.start(sample_rate, **limits, **settings))

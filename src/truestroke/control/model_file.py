@@ -4,6 +4,7 @@ import dataclasses
 import os
 import re
 import warnings
+import weakref
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -189,15 +190,47 @@ def usable_model(path: str | os.PathLike[str], *, force: bool = False) -> Actuat
     ModelWarning
         The verdict is doubtful, or bad with `force`.
     """
-    known = load_model(path)
-    if (verdict := known.verdict).level == "good":
-        return known
-    reason = " ".join(verdict.reasons[:1])
-    said = f"{os.fspath(path)}: the verdict of this model is {verdict.level}: {reason}".rstrip(": .")
-    if verdict.is_bad and not force:
-        raise BadModelError(f"{said}. Record again and identify a better one, or use it by `force`")
-    warnings.warn(f"{said}.", ModelWarning, stacklevel=2)
+    known, source = load_model(path), f"{os.fspath(path)}: "
+    if not force:
+        _refuse_bad(known, source)
+    _warn_once(known, source, 3)
     return known
+
+
+def taken(model: ActuatorModel | str | os.PathLike[str]) -> ActuatorModel:
+    """For a function that takes either: the file, as `usable_model`, or the model; a warning shows its caller.
+
+    Of a model the warning is given only where it is bad: who identified it has read its verdict.
+    """
+    if isinstance(model, ActuatorModel):
+        if model.verdict.is_bad:
+            _warn_once(model, "", 4)
+        return model
+    known, source = load_model(model), f"{os.fspath(model)}: "
+    _refuse_bad(known, source)
+    _warn_once(known, source, 4)
+    return known
+
+
+def _refuse_bad(model: ActuatorModel, source: str) -> None:
+    if model.verdict.is_bad:
+        remedy = "Record again and identify a better one, or use it by `force`, in Python `load_model`"
+        raise BadModelError(f"{_said(model, source)}. {remedy}")
+
+
+_warned: weakref.WeakSet[ActuatorModel] = weakref.WeakSet()
+
+
+def _warn_once(model: ActuatorModel, source: str, stacklevel: int) -> None:
+    """A model that `usable_model` returned has been warned of when it is handed on."""
+    if model.verdict.level != "good" and model not in _warned:
+        _warned.add(model)
+        warnings.warn(f"{_said(model, source)}.", ModelWarning, stacklevel=stacklevel)
+
+
+def _said(model: ActuatorModel, source: str) -> str:
+    reason = " ".join(model.verdict.reasons[:1])
+    return f"{source}the verdict of this model is {model.verdict.level}: {reason}".rstrip(": .")
 
 
 def _read(path: Path) -> ActuatorModel:

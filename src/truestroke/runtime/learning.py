@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable
 from typing import Any, Literal, TypeGuard, cast
 
@@ -14,6 +15,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.model_file import taken
 from truestroke.control.repeating.iterative import IterativeLearning, Learned, Pass, at_the_noise, check_motion
 from truestroke.identification.dynamics import DynamicsError, NoResonanceError, measure_bode, spring_to
 from truestroke.identification.identified import identify
@@ -55,7 +57,7 @@ def learn(
     dynamics: Dynamics | None = None,
     resonance: float = 0.0,
     bandwidth: float | None = None,
-    model: ActuatorModel | None = None,
+    model: ActuatorModel | str | os.PathLike[str] | None = None,
     passes: int = PASSES,
     settle: float = SETTLE,
     averaged: float = AVERAGED,
@@ -97,8 +99,9 @@ def learn(
     bandwidth : float, optional
         Highest harmonic that is learned, Hz. Without dynamics the stage is taken for a spring up to there; where the
         measurement shows no resonance, or dynamics that are bad, up to the frequency to which it answers as a spring.
-    model : ActuatorModel, optional
-        Of `identify`: the first pass is made with it.
+    model : ActuatorModel, str or PathLike, optional
+        Of `identify`, or its file: the first pass is made with it. One that is not good is refused, or warned of, as by
+        `AdaptiveController.from_model`.
     passes : int
         At most, from 1 to 1000; the first one has learned nothing.
     settle, averaged : float
@@ -120,6 +123,8 @@ def learn(
         An argument is out of bounds, or the motion does not repeat.
     DriverError
         The hardware failed, or no pass was measured; what was reported before remains valid.
+    BadModelError, ModelFileError
+        The verdict of the model in the file is bad, or it is no model.
     DynamicsError
         The dynamics could not be measured, or the stage shows none and the motion is too fast for a spring.
 
@@ -138,8 +143,9 @@ def learn(
     low, high = limits.voltage_limits
     most, zero = checks.count("passes", passes, 1, 1000), checked_zero(zero)
     checks.able("driver", driver, ("open", "exchange"), "a driver or a simulated actuator; the order is driver, motion")
-    if stroke is None and model is not None:
-        stroke = model.stroke / (model.voltage_range[1] - model.voltage_range[0]) * (high - low)
+    known = None if model is None else taken(model)
+    if stroke is None and known is not None:
+        stroke = known.stroke / (known.voltage_range[1] - known.voltage_range[0]) * (high - low)
     if stroke is None:
         raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
     gain = checks.positive("stroke", stroke, "um") / (high - low)
@@ -160,7 +166,7 @@ def learn(
             slew_limit=slew,
             dynamics=dynamics,
             bandwidth=bandwidth,
-            model=model,
+            model=known,
         )
     except SettingError as error:
         if spring and error.argument == "bandwidth":

@@ -1,6 +1,6 @@
 """Whether a run is good: from its recording, the same for every command; docs/exit-codes.md has the thresholds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
+from truestroke.signals.clipping import at_an_end
 from truestroke.signals.metrics import WINDOW, TrackingSummary
 from truestroke.signals.recording import Recording
 
@@ -38,6 +39,8 @@ PERIODS, LONGEST = 100, 2**18  # of that resonance at least, ticks at most, in w
 COLOURED = 100  # samples of an error that count as one
 BEGINS, JUMPED = 10, 0.02  # ticks of a run, and an error in them as a share of the stroke: it began elsewhere
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
+WITHIN, STEPS = 8.0, 1.5  # standard deviations, steps of a sensor: what it may show of one value
+GOES_ON = (0.02, 4.0)  # of the stroke; times that band: a voltage that moves so much further has no answer
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
 
 
@@ -71,6 +74,7 @@ def _positive(value: object) -> float | None:
 # ---- The verdict ---------------------------------------------------------------------------------------------------
 
 Finding = tuple[Level, str]
+Check = Callable[["_Run"], Finding | None]
 
 
 def judge(recording: Recording) -> Verdict:
@@ -116,7 +120,9 @@ def judge(recording: Recording) -> Verdict:
     except SettingError:
         return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
     run = _Run(recording, measured)
-    checks_of_it = (_ending, _other_unit, _missed) if _other_unit(run) else CHECKS
+    checks_of_it: Sequence[Check] = (_ending, _other_unit, _missed) if _other_unit(run) else CHECKS
+    if _at_an_end(run):
+        checks_of_it = [check for check in checks_of_it if check not in OTHER_CAUSES]
     return Verdict.of(found for check in checks_of_it if (found := check(run)))
 
 
@@ -181,6 +187,11 @@ class _Run:
         """Of the second half, without the sensor's noise, um; that of the truth, if it is larger."""
         measured = float(np.sqrt(max(0.0, _rms(self.error[self.half]) ** 2 - self.noise**2)))
         return max(measured, self.metrics.true_rmse_um or 0.0)
+
+    @cached_property
+    def at_an_end(self) -> Finding | None:
+        """Made once, too."""
+        return _sensor_at_an_end(self)
 
     @cached_property
     def too_fast(self) -> Finding | None:
@@ -252,6 +263,33 @@ def _limited(run: _Run, flag: str, words: str) -> Finding | None:
     return "bad" if share > STUCK else "doubtful", text
 
 
+def _at_an_end(run: _Run) -> Finding | None:
+    return run.at_an_end
+
+
+def _sensor_at_an_end(run: _Run) -> Finding | None:
+    """A sensor that shows one value while the voltage goes on: nothing is known of the motion there."""
+    known = np.isfinite(run.recording["measured"])
+    if "volts" not in run.recording or not known.any():
+        return None
+    measured, volts, desired = (run.recording[name][known] for name in ("measured", "volts", "desired"))
+    steps = np.diff(np.unique(measured))
+    step = float(np.min(steps[steps > TINY * np.ptp(measured)], initial=np.inf))
+    band = max(WITHIN * run.noise, STEPS * step if np.isfinite(step) else 0.0)
+    rows, begins = at_an_end(measured, volts, desired, band, max(GOES_ON[0] * run.metrics.stroke_um, GOES_ON[1] * band))
+    if not rows.any():
+        return None
+    share, end = float(np.mean(rows)), float(np.median(measured[rows]))
+    end = 0.0 if abs(end) < band else end  # the noise about the zero
+    why = "The motion there is not known"
+    if begins:
+        why = "It began there, so its zero is not that of the stage, and the motion is off by an unknown distance"
+    return "bad" if begins or share > BLIND else "doubtful", (
+        f"The sensor shows one value, {end:.3g} um, in {_percent(share)} of the ticks, while the voltage goes on: "
+        f"there its range ends. {why}. Shift the range of the sensor or the motion."
+    )
+
+
 def _too_fast(run: _Run) -> Finding | None:
     return run.too_fast
 
@@ -312,9 +350,10 @@ def _missed(run: _Run) -> Finding | None:
     if run.rmse <= run.tolerable:
         return None
     span, stroke = run.metrics.peak_to_peak_um, run.metrics.stroke_um
-    share, whole = (run.rmse / span, "motion's peak-to-peak") if span else (run.rmse / stroke, "stroke, at rest")
     level: Level = "bad" if run.rmse > NOT_FOLLOWED * run.tolerable else "doubtful"
-    return level, f"The error is {run.rmse:.3g} um rmse, {_percent(share)} of the {whole}."
+    of = f", {_percent(run.rmse / (span or stroke))} of the " if span or stroke else ", at rest"  # of no stroke: a PID
+    whole = "motion's peak-to-peak" if span else "stroke, at rest" if stroke else ""
+    return level, f"The error is {run.rmse:.3g} um rmse{of}{whole}."
 
 
 def _gain(run: _Run) -> Finding | None:
@@ -537,8 +576,9 @@ def _grew(run: _Run) -> Finding | None:
     )
 
 
-CHECKS = (
+CHECKS: Sequence[Check] = (
     _ending,
+    _at_an_end,
     _too_fast,
     _saturated,
     _missed,
@@ -554,6 +594,9 @@ CHECKS = (
     _slewed,
     _alarmed,
 )
+
+OTHER_CAUSES = (_too_fast, _oscillated, _another_stage, _elsewhere, _restored, _grew, _alarmed)
+"""What a sensor at an end of its range brings about, and what they would put it down to."""
 
 
 def _rms(error: FloatArray) -> float:

@@ -36,7 +36,9 @@ from truestroke.control.repeating.response_prior import (
 from truestroke.control.repeating.steps import finished
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics
-from truestroke.signals.clipping import clipped
+from truestroke.signals.clipping import at_an_end, clipped
+from truestroke.signals.judgement import GOES_ON, TINY, WITHIN
+from truestroke.signals.metrics import noise
 from truestroke.signals.trajectories import Trajectory
 
 BAND = 2.4  # times the first resonance: harmonics up to there are learned
@@ -366,10 +368,14 @@ class IterativeLearning(Displayed):
     def _refuse_clipped(self, z: FloatArray) -> None:
         """SettingError where the sensor is at the end of its range: the law would raise the voltage up to its limit."""
         volts, seen = np.tile(self.volts, len(z)), np.isfinite(z.ravel())
-        cut = clipped(z.ravel()[seen], volts[seen], CROSSED * float(np.ptp(self.volts)))
+        z, volts, desired = z.ravel()[seen], volts[seen], np.tile(self.desired, len(z))[seen]
+        crossed, band = CROSSED * float(np.ptp(self.volts)), WITHIN * noise(z)
+        gain = float(np.std(z)) / max(float(np.std(volts)), TINY)
+        noisy, _ = at_an_end(z, volts, desired, band, max(crossed * gain, GOES_ON[1] * band))
+        cut = clipped(z, volts, crossed) | noisy
         if np.mean(cut) <= LIMITED:
             return
-        end = float(np.median(z.ravel()[seen][cut]))
+        end = float(np.median(z[cut]))
         value = f"{100 * np.mean(cut):.2g} % of the samples at {figures(end, 4)} um, while the voltage goes on"
         bound = (
             f"of a sensor that goes beyond, for a motion of {figures(float(self.desired.min()))} to "
