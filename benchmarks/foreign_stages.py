@@ -212,7 +212,7 @@ def follow(
     verdict = judge(run(wave, AdaptiveController(**settings), stage))
     error = 100 / (top - bottom) * (np.array(stage.true) - wave.position)
     relative = frequency / stage.modes[0][0] * (0.3 if lines else 1)
-    words = f"{'raster' if lines else 'sine':6} {relative:.2f} f0 {verdict.level:8}"
+    words = f"{'raster' if lines else 'sine':6} {relative:.2f} f0 {verdict.level}"
     last, later = error[error.size // 2 :], error[round(stage.rate / 2) :]
     return words, float(np.sqrt(np.mean(last**2))), float(np.abs(later).max())
 
@@ -254,7 +254,7 @@ def main() -> None:
             print(f"{number:3} {words}  refused: {error}", flush=True)
             continue
         kept.append((one, other))
-        print(f"{number:3} {words}   {what}  {one:7.3f} {other:8.2f}", flush=True)
+        print(f"{number:3} {words}   {what:24}  {one:7.3f} {other:8.2f}", flush=True)
     for name, each in zip(columns, np.array(kept).T, strict=True):
         print(f"{name}: median {np.median(each):.3f}, 95 % {np.quantile(each, 0.95):.3f}, worst {each.max():.2f}")
     print(f"{len(kept)} of {len(numbers)} stages")
