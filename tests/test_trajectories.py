@@ -243,6 +243,17 @@ def test_a_turn_between_several_modes_does_not_swing(number, frequency):
     assert np.abs(wave.acceleration[3000:]).max() < 6 * np.abs(plain.acceleration[3000:]).max()
 
 
+@pytest.mark.parametrize("damping", [0.3, 0.45, 0.6])
+def test_a_turn_of_a_damped_stage_hardly_exceeds_the_speed_of_its_lines(damping):
+    """Which forgets by itself: exact zeros made the velocity twice that of the lines, and back."""
+    damped = Dynamics(sample_rate=1e4, modes=(Mode(frequency=300.0, damping=damping),))
+    wave = tr.raster(turn=damped, frequency=20.0, peak_to_peak=10.0, duration=0.5, sample_rate=1e4)
+    assert np.abs(wave.velocity[wave.time > 0.26]).max() < 1.3 * wave.settings["speed"]
+    after = tr.step(settle=damped, hold=0.04, ramp=0.0, duration=0.08, sample_rate=1e4)
+    t, z = answer(after.position, 1e4, 300.0, damping)
+    assert np.abs(z - 5.0)[t >= 0.04 + 1.5 / 300].max() < 0.05
+
+
 def test_a_step_has_nothing_at_the_zero_between_two_modes():
     """There the inverse of the stage is large: a step without that zero needs a strain twice as large."""
     pair = Mode(frequency=417.0, damping=0.004, share=0.89), Mode(frequency=1688.0, damping=0.04, share=0.11)

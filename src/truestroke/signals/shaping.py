@@ -32,6 +32,7 @@ SHORT_RISE = 0.25  # periods of the first mode: duration of the move that a shap
 SMOOTH = 6.0  # periods of a mode in a move: in a longer one it is hardly excited, whatever the shape
 LONGER = 1.02  # factor from one duration that is tried to the next
 SETTLED = 0.01  # of the height of a step: vibration after it, with resonances that are known within `KNOWN`
+DAMPED = 0.1  # damping of a first mode that forgets by itself: exact zeros at it would make the move swing
 KNOWN = 0.05  # relative: error of the resonances up to which a step settles
 VIBRATION = 1e-3  # of the height: vibration of a further mode that counts as much as the others below
 WRONG = 0.02  # relative: error of the frequency of a further mode whose vibration counts as well
@@ -124,9 +125,10 @@ def settling_move(
         Modes of the stage.
     shape : str
         "polynomial": s'(u) = (u (1 - u))^3 times the polynomial of least degree for which the transform of the velocity
-        has a double zero at the pole of the first mode. With further modes it has the least sum of squares of what they
-        vibrate, of the strain that rings at the zeros between the modes, where a controller that inverts the dynamics
-        needs much of it, and of the jerk: exact zeros at all of them would shake the stage by many times the height.
+        has a double zero at the pole of the first mode. With further modes, or a damping above 0.1, it has the least sum
+        of squares of what they vibrate, of the strain that rings at the zeros between the modes, where a controller
+        that inverts the dynamics needs much of it, and of the jerk: exact zeros at all would shake the stage by many
+        times the height.
         It takes 1.4 periods of the first mode, or, with further modes, as long as it needs to settle within 1 %. Its
         jerk is continuous, so that the samples of its acceleration, which a controller that inverts the dynamics
         sends, excite nothing either. "zv", "zvd", "ei": a minimum-jerk move of a quarter of a period, repeated
@@ -172,7 +174,7 @@ def _settles(move: Move, dynamics: Dynamics) -> bool:
     """Whether the vibration after a move is small, also where all resonances are known within `KNOWN` only."""
     for factor in (1 - KNOWN, 1 + KNOWN):
         each = [abs(mode.share) * move.vibration(factor * mode.frequency, mode.damping) for mode in dynamics.modes]
-        if len(each) > 1 and sum(each) > SETTLED:
+        if sum(each) > SETTLED:
             return False
     return True
 
@@ -257,12 +259,14 @@ Weight = tuple[complex, int, float]
 
 def _without_vibration(dynamics: Dynamics, duration: float, *, ends: int, centred: bool) -> Legendre:
     """s(u) of a move of this duration, s, after which the modes are at rest."""
-    first, *others = dynamics.modes
-    zeros = [(_pole(first.frequency, first.damping), 2)] if first.frequency * duration < SMOOTH else []
-    small = list[Weight]()
-    for mode in others:
-        if mode.frequency * duration < SMOOTH:
-            pole, share = _pole(mode.frequency, mode.damping), abs(mode.share)
+    zeros, small = list[Zero](), list[Weight]()
+    for i, mode in enumerate(dynamics.modes):
+        pole, share = _pole(mode.frequency, mode.damping), abs(mode.share)
+        if mode.frequency * duration >= SMOOTH:
+            continue
+        if i == 0 and mode.damping <= DAMPED:
+            zeros.append((pole, 2))
+        else:
             small += [(pole, 0, share / VIBRATION), (pole, 1, share * WRONG * abs(pole) * duration / VIBRATION)]
     for zero in map(complex, zeros_of(dynamics.modes)):
         if zero.imag > 0 and abs(zero) * duration < 2 * math.pi * SMOOTH:
