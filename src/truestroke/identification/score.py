@@ -21,7 +21,8 @@ from truestroke.control.spans import Beyond
 from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.held_out.trace import Trace
 from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, sizes
-from truestroke.identification.records.series import first_known, runs, series, settled
+from truestroke.identification.records.series import first_known, series, settled
+from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise
 
 HELD = 0.8  # of the samples in the interval, at least

@@ -23,11 +23,10 @@ def clipped(signal: FloatArray, other: FloatArray, moves: float) -> npt.NDArray[
     """
     rows = np.zeros(signal.size, dtype=np.bool_)
     for extreme in (signal.min(), signal.max()):
-        at = np.flatnonzero(signal == extreme)
-        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
-            entered = abs(signal[run[0]] - signal[max(run[0] - 1, 0)])
-            if run.size >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[run]) > moves:
-                rows[run] = True
+        for first, end in runs(signal == extreme):
+            entered = abs(signal[first] - signal[max(first - 1, 0)])
+            if end - first >= FLAT and entered < 0.1 * np.ptp(signal) and np.ptp(other[first:end]) > moves:
+                rows[first:end] = True
     return rows
 
 
@@ -66,8 +65,7 @@ def at_an_end(
     outward = volts * (np.std(measured) / np.std(volts))
     for sign in (-1.0, 1.0):
         z, u = sign * measured, sign * outward
-        edges = np.flatnonzero(np.diff(np.r_[False, z >= z.max() - band, False]))
-        for first, end in zip(edges[::2], edges[1::2], strict=True):
+        for first, end in runs(z >= z.max() - band):
             inside = u[first:end]
             if np.count_nonzero(inside > max(inside[0], inside[-1]) + moves) >= FLAT:
                 rows[first:end] = True
@@ -76,3 +74,12 @@ def at_an_end(
                 begins = bool(np.count_nonzero(inside < inside[0] - moves - AHEAD * asked) >= FLAT)
                 rows[:end] = begins
     return rows, begins
+
+
+def runs(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """First row and end of each run of True, shape (runs, 2).
+
+    >>> runs(np.array([True, True, False, True])).tolist()
+    [[0, 2], [3, 4]]
+    """
+    return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(np.int8))).reshape(-1, 2)

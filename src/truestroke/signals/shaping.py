@@ -125,8 +125,8 @@ def settling_move(
         Modes of the stage.
     shape : str
         "polynomial": s'(u) = (u (1 - u))^3 times the polynomial of least degree for which the transform of the velocity
-        has a double zero at the pole of the first mode. With further modes, or a damping above 0.1, it has the least sum
-        of squares of what they vibrate, of the strain that rings at the zeros between the modes, where a controller
+        has a double zero at the pole of the first mode. With further modes, or a damping above 0.1, it has the least
+        sum of squares of what they vibrate, of the strain that rings at the zeros between the modes, where a controller
         that inverts the dynamics needs much of it, and of the jerk: exact zeros at all would shake the stage by many
         times the height.
         It takes 1.4 periods of the first mode, or, with further modes, as long as it needs to settle within 1 %. Its

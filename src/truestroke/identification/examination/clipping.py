@@ -3,7 +3,7 @@
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.records.series import runs
+from truestroke.signals.clipping import runs
 
 LEVEL = 12.0  # times the noise of the voltage: so wide is the end of its range
 FEWEST = 6  # rows of an arc

@@ -18,7 +18,8 @@ from truestroke.identification.examination.mistakes import TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
-from truestroke.identification.records.series import runs, to_and_fro
+from truestroke.identification.records.series import to_and_fro
+from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second

@@ -11,7 +11,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import repeated
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.records.record import Record
-from truestroke.identification.records.series import runs
+from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise, rounding
 
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows

@@ -91,9 +91,8 @@ class ModeSearch:
             again, least = self._refined(_vector(self._later(found)))
             if again is not None:
                 found = again
-                if (
-                    least < (AGAIN if self.late else LOWER) * before
-                ):  # first where they are, and then whether there are more
+                lower = AGAIN if self.late else LOWER
+                if least < lower * before:  # first where they are, and then whether there are more
                     return found, True
         if not self.frequencies(2) or (found is not None and len(found.modes) == MODES):
             return found, False

@@ -200,15 +200,6 @@ def first_known(x: FloatArray, span: float) -> int:
     return int(np.argmin((1 - left) / np.maximum(left, 1e-12) + unknown))
 
 
-def runs(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """First row and end of each run of True, shape (runs, 2).
-
-    >>> runs(np.array([True, True, False, True])).tolist()
-    [[0, 2], [3, 4]]
-    """
-    return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(np.int8))).reshape(-1, 2)
-
-
 def to_and_fro(signal: FloatArray) -> float:
     """How far it goes and comes back, to one side.
 
