@@ -16,6 +16,7 @@
 #define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
 #define MAY_BE_SECOND ((ts_real)1.5) /* times the resonance of the settings: what is shown above may be the second mode */
 #define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
+#define DRIVEN_ALONE ((ts_real)0.95) /* that of a resonance which takes the place of the given one: not a load that the command answers */
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
@@ -369,7 +370,7 @@ static bool matters(const ts_controller *c)
         ts_real away = r->known / c->settings->dynamics.first - 1, least = failing ? ELSEWHERE : ANOTHER;
         ts_real large = DOUBT * ts_guard_range(g, &c->settings->guard);
         if (!failing && c->stage.doubted < LASTS) return false;
-        return away * away > least * least && r->power > large * large && r->driven > DRIVEN;
+        return away * away > least * least && r->power > large * large && r->driven > DRIVEN_ALONE;
     }
     ts_real least = noisy(c), large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
     if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */

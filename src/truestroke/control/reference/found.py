@@ -25,6 +25,7 @@ LASTS = 8  # windows with such an error, which does not fall: then they are doub
 ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
 MAY_BE_SECOND = 1.5  # times the resonance of the settings: what is shown above may be the second mode
 DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
+DRIVEN_ALONE = 0.95  # that of a resonance which takes the place of the given one: not a load that the command answers
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
 FIRST_HOLD = 4  # blocks of the first hold of weights that had the least error
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
@@ -351,7 +352,7 @@ def matters(c: State) -> bool:
             return False
         away, least = known.known / c.members["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
         large = DOUBT * guard.range
-        return away * away > least * least and known.power > large * large and known.driven > DRIVEN
+        return away * away > least * least and known.power > large * large and known.driven > DRIVEN_ALONE
     least, large = noisy(c, law), DOUBT * c.kept.guard.range
     if stage.failed and c.kept.guard.kept:  # one that was found was worse than none
         least = max(least, large * large)
