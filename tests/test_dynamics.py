@@ -53,6 +53,15 @@ def test_static_gain_is_one_and_the_sensor_is_not_in_the_true_displacement() -> 
     assert late == pytest.approx(2 * np.pi * 100.0 * 0.4e-4 + np.arctan(100.0 / 4000.0), rel=1e-9)
 
 
+def test_half_of_the_sample_rate_may_be_rounded_up():
+    """As `rfftfreq` does for one in six pairs of a rate and a number of samples."""
+    stage = Dynamics(sample_rate=3000.0, modes=(Mode(frequency=339.0, damping=0.015),))
+    highest = np.nextafter(1500.0, np.inf)
+    assert stage.response(highest) == pytest.approx(stage.response(1500.0), rel=1e-9)
+    with pytest.raises(SettingError, match="half of the sample rate"):
+        stage.response(1500.001)
+
+
 def test_python_control_has_the_same_response() -> None:
     f = np.array([10.0, 300.0, 700.0, 1650.0])
     system = STAGE.to_control(pade=6, sensor=True)

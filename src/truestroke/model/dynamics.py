@@ -23,6 +23,7 @@ SEEN = 0.45  # of the sample rate: a resonance must be below
 EARLIEST, LATEST = -0.5, 20.0  # ticks: of the dead time; a sample at the end of its tick is half a tick early
 NARROWEST = 1e-4  # of a tick: a mean over so little is a sample
 PIECE = 512  # frequencies that are computed at a time: what they need stays in the cache
+ROUNDED = 1 + 1e-12  # half of a sample rate by np.fft.rfftfreq may be a bit above it
 ALIASES = 20  # on each side: what is beyond is below 2e-6 of the response
 SHARES = 1e-6  # by how much the sum of the shares may differ from 1
 APPROXIMATED = 0.01  # relative: error of the response that `from_control` accepts
@@ -265,7 +266,7 @@ not see it: raise the sample rate
         array([  0. ,  -3.9, -12. ])
         """
         f = np.asarray(frequency, dtype=np.float64)
-        if f.size and not np.max(np.abs(f)) <= self.sample_rate / 2:
+        if f.size and not np.max(np.abs(f)) <= ROUNDED * self.sample_rate / 2:
             bound = f"up to {self.sample_rate / 2:g} Hz, half of the sample rate"
             raise SettingError("frequency", float(np.max(np.abs(f))), bound, "Hz")
         parts = np.split(f.ravel(), range(PIECE, f.size, PIECE))
