@@ -172,6 +172,17 @@ def test_a_motion_that_does_not_repeat_is_named():
     assert "--rate = 41.0 Hz" in bad.output
 
 
+@pytest.mark.parametrize(
+    ("option", "values"), [("rate", ["nan"]), ("rate", ["1e9"]), ("resonances", ["0.9", "0.7"]), ("noise", ["1000"])]
+)
+def test_a_scan_that_is_refused_gives_no_advice_before(option, values):
+    """It said "nan rows of nan a second", and that the sensor has to be zeroed where the noise was too large."""
+    refused = CliRunner().invoke(main, ["scan", f"--{option}", *values])
+    assert refused.exit_code == 2
+    assert refused.output.startswith(f"truestroke: --{option} = ")
+    assert refused.output.count("\n") == 1
+
+
 @pytest.mark.parametrize("rate", [0.0, -1.0, 0.5, 5000.0, float("nan")])
 def test_a_rate_whose_lines_are_all_turn_is_refused_with_its_bound(rate):
     with pytest.raises(SettingError, match=r"rate = .* Hz: must be"):

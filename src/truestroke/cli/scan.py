@@ -59,12 +59,13 @@ def scan(
     from concurrent.futures import ThreadPoolExecutor
     from importlib import import_module
 
-    from truestroke.studies.scanning.imaging import PIXELS, SLOWEST, expected, image_stage, seconds_for
+    from truestroke.studies.scanning.imaging import PIXELS, checked, expected, image_stage, seconds_for
 
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     about = {"rate": rate, "resonances": resonances, "kinds": kinds, "noise": noise, "seed": seed}
-    if rate >= SLOWEST and seconds_for(rate) > LONG and not as_json:
+    checked(**about)  # type: ignore[arg-type]  # before anything is said of the scan
+    if seconds_for(rate) > LONG and not as_json:
         click.echo(f"{PIXELS} rows at {rate:g} a second take about {seconds_for(rate) / 60:.2g} minutes.", err=True)
     _say(expected(rate, resonances), as_json)
     with common.progress("scanning"), ThreadPoolExecutor(1) as beside:

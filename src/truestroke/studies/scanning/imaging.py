@@ -41,6 +41,7 @@ OVER_SCAN = 0.01  # of the width, at least
 ROTATION, TURNS = 100.0, 256  # Hz of the spiral
 LIMITS, STROKE = (-0.6, 3.6), 30.0
 NOISE = 0.001  # um, a sample of a capacitive sensor
+LOUDEST = 3.0  # um: a tenth of the stroke; with more a first measurement may be refused
 COUPLING = ((0.0, 0.02), (0.03, 0.0))  # um/um
 DAMPING = 0.02
 FINE, SEEN = 0.1, 0.5  # pixels: largest distortion of a good image, and of a doubtful one
@@ -209,6 +210,18 @@ def controllers_of(stage: MultiAxisSettings, period: float | None = None) -> Mul
     )
 
 
+def checked(
+    rate: float, resonances: tuple[float, float], kinds: tuple[str, str], noise: float, seed: int
+) -> tuple[MultiAxisSettings, Scan]:
+    """Stage and raster of `image_stage`, of the same arguments; SettingError where one of them is out of its bounds."""
+    checks.count("seed", seed, 0, 2**63 - 1)
+    checks.within("noise", noise, 0.0, LOUDEST, "um")
+    for frequency in resonances:
+        checks.within("resonances", frequency, SOFTEST, STIFFEST, "Hz")
+    stage = stage_of(resonances, kinds, noise)
+    return stage, scan_of(stage, rate)
+
+
 def image_stage(
     *,
     rate: float = RATE,
@@ -241,11 +254,7 @@ def image_stage(
     SettingError
         Names the argument, its value, the bound and the unit.
     """
-    seed = checks.count("seed", seed, 0, 2**63 - 1)
-    for frequency in resonances:
-        checks.within("resonances", frequency, SOFTEST, STIFFEST, "Hz")
-    stage = stage_of(resonances, kinds, noise)
-    scan = scan_of(stage, rate)
+    stage, scan = checked(rate, resonances, kinds, noise, seed)
     samples = scans.Grating(), scans.Texture(seed=seed)
     gains = [one.stroke / one.voltage_limits[1] for one in stage.axes]
     usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
