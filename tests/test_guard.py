@@ -378,14 +378,14 @@ def test_a_load_that_the_command_answers_does_not_take_the_place_of_the_dynamics
     assert resonance == pytest.approx(1.0, abs=0.01)
 
 
-def test_weights_that_are_taken_in_a_hold_predict_what_the_held_ones_do() -> None:
-    """Those of the start, with another gain, moved the stage by what their offset lacked: by 12 um here."""
+def test_the_weights_of_the_start_predict_what_held_ones_do_that_were_no_better() -> None:
+    """With another gain they moved the stage by what their offset lacked: by 12 um here."""
     reference = ReferenceController(ControllerSettings(sample_rate=2000.0, **LIMITS))
     for k in range(400):
         volts = reference.command(10 * np.sin(0.05 * k), 1000 * np.cos(0.05 * k))
         reference.adapt(4 * volts + 1)
     state, law = reference._state, reference._state.filtering
-    law.started = False  # as while weights are held
+    law.started, state.kept.guard.at_start = False, True  # as when held weights are no better
     before = law.weights @ state.u
     take_weights(state, law, state.kept.first, earlier=True)
     assert law.weights @ state.u == pytest.approx(before)

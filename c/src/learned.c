@@ -136,14 +136,14 @@ void ts_take_first(ts_controller *c, bool gain_only)
     if (shown && !gain_only) move_offset(c, g->first - gain * g->from);
 }
 
-/* Other weights; earlier ones miss what has drifted since. While weights are held the filters of the law are not started: the others then
- * predict what the held ones do. */
+/* Other weights; earlier ones miss what has drifted since. While weights are held the filters of the law are not started: those of the
+ * start then predict what the held ones do. */
 static void take_weights(ts_controller *c, const ts_real *w, bool earlier)
 {
     const ts_kalman *k = &c->law.kalman;
     ts_real before = model(c, c->u);
     memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
-    if (earlier) move_offset(c, k->started ? k->y - model(c, k->u) : before - model(c, c->u));
+    if (earlier && (k->started || c->guard.at_start)) move_offset(c, k->started ? k->y - model(c, k->u) : before - model(c, c->u));
     hand_over(c);
 }
 

@@ -66,11 +66,11 @@ def keep_start(c: State) -> None:
 def take_weights(c: State, law: FilteringLaw, weights: FloatArray, *, earlier: bool) -> None:
     """Other weights; earlier ones miss what has drifted since.
 
-    While weights are held the filters of the law are not started: the others then predict what the held ones do.
+    While weights are held the filters of the law are not started: those of the start then predict what they do.
     """
     before = float(dot(law.weights, c.u))
     law.weights = weights
-    if earlier:
+    if earlier and (law.started or c.kept.guard.at_start):
         move_offset(c, law, law.missing() if law.started else before - float(dot(weights, c.u)))
     hand_over(c)
 
