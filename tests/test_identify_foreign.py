@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.optimize import lsq_linear, minimize
 
+from truestroke import SettingError
 from truestroke.cli import main
 from truestroke.identification import Record, examine, fit, identify
 from truestroke.identification.fitting import normal
@@ -248,9 +249,8 @@ TOP = 0.7 * Z.max()
         ((T[:2], X[:2], Z[:2]), "2 rows; at least 50"),
         ((np.where(np.arange(T.size) == 20, T[19], T), X, Z), "line 22: time 0.038 s repeats"),
         ((T, X, -Z), "must be one that rises (--flip-displacement turns its sign)"),
-        ((T, np.where(T < 2, 0.0, X), np.where(T < 2, 0.0, Z)), "moving before the held-out part"),
     ],
-    ids=["constant", "nan", "two-rows", "repeated", "falls", "late-start"],
+    ids=["constant", "nan", "two-rows", "repeated", "falls"],
 )
 def test_bad_records_are_refused_in_a_line(tmp_path, columns, words):
     told = command(tmp_path, *columns)
@@ -258,6 +258,26 @@ def test_bad_records_are_refused_in_a_line(tmp_path, columns, words):
     assert words in told.stderr
     assert told.stderr.count("\n") == 1
     assert not (tmp_path / "m.toml").exists()
+
+
+def test_motion_behind_a_long_rest_is_shared_by_both_parts() -> None:
+    rest = 3600  # three quarters of the record
+    volts, moved = (np.concatenate([np.full(rest, a[0]), a]) for a in (X, plays(X) @ A))
+    moved += 0.01 * np.random.Generator(np.random.PCG64(15)).standard_normal(volts.size)
+    found = identify((volts, moved, 500.0), modes=False, branches=False)
+    assert np.flatnonzero(found.trace.held_out)[0] == pytest.approx(rest + 0.6 * X.size, abs=20)
+    assert found.held_out.rmse_um < 0.02
+
+
+def test_a_sample_rate_that_is_far_too_high_is_named() -> None:
+    (mistake,) = examine(Record.from_arrays(X, Z, sample_rate=2e6)).mistakes
+    assert mistake.startswith("the given sample rate makes ")
+    assert mistake.endswith("is it right?")
+
+
+def test_a_sensor_that_rests_in_the_first_part_is_refused() -> None:
+    with pytest.raises(SettingError, match="moving before the held-out part"):
+        identify((X, np.where(T < 2, 0.0, Z), 500.0))
 
 
 @pytest.mark.parametrize(

@@ -339,8 +339,9 @@ def test_the_held_out_part_beyond_the_fitted_one() -> None:
 def test_a_record_of_one_stroke_length_and_a_contradiction(tmp_path) -> None:
     (record,) = foreign_records.records(makers=(foreign_records.short,))
     assert any("All strokes are about as long" in reason for reason in identify(record).verdict.reasons)
-    found = identify(dataclasses.replace(record, contradictions=("the file says otherwise",)))
+    found = identify(dataclasses.replace(record, contradictions=("the file says otherwise", "is it shifted?")))
     assert found.verdict.is_bad
     save_model(tmp_path / "model.toml", found.model)
     kept = load_model(tmp_path / "model.toml").provenance
     assert (kept["verdict"], kept["reason_1"]) == ("bad", "The record contradicts itself: the file says otherwise.")
+    assert kept["reason_2"] == "The record contradicts itself: is it shifted?"

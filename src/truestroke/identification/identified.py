@@ -25,8 +25,10 @@ from truestroke.identification.held_out import validation
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence
 from truestroke.identification.records.record import Record, as_record
-from truestroke.identification.records.series import Series, series
+from truestroke.identification.records.series import STILL, Series, series
 from truestroke.signals.recording import Recording
+
+RESTED = 0.25  # of the record, at its beginning: less leaves enough motion to both parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,8 @@ def identify(
         or states of Duhem are added where later parts of the record are predicted much better with them, unless
         `thresholds` are given; `ActuatorModel.plain` has none.
     held_out : float
-        Share of the record at its end that is held out, above 0, at most 0.5.
+        Share of the record at its end that is held out, above 0, at most 0.5; behind a rest that is longer than a
+        quarter of the record, of what follows.
     findings : Findings, optional
         Of `examine` for this record, if it was examined before.
 
@@ -151,8 +154,7 @@ def identify(
         checks.flag("rate", rate)
     if findings is not None:
         checks.instance("findings", findings, Findings, "those of truestroke.examine(record)")
-    share = checks.within("held_out", held_out, 0.01, 0.5)
-    train, fs = round((1 - share) * taken.volts.size), taken.sample_rate
+    train, fs = _first_part(taken.volts, checks.within("held_out", held_out, 0.01, 0.5)), taken.sample_rate
     _refuse_empty(taken, train)
     longest = taken.volts.size / fs / 4
     known = None if delay is None else checks.within("delay", delay, 0.0, longest, "s")
@@ -195,6 +197,14 @@ def _examined(record: Any, s: Series) -> Record:
         return record
     volts, displacement, rate = record if isinstance(record, tuple | list) else (s.volts, s.displacement, s.sample_rate)
     return Record.from_arrays(volts, displacement, sample_rate=float(rate))
+
+
+def _first_part(volts: FloatArray, share: float) -> int:
+    """How many rows are not held out: a long rest at the beginning has no motion to share."""
+    away = np.abs(volts - volts[0]) > STILL * np.ptp(volts)
+    rest = int(away.argmax())
+    rest = rest if rest > RESTED * volts.size else 0
+    return rest + round((1 - share) * (volts.size - rest))
 
 
 def _refuse_empty(s: Series, train: int) -> None:

@@ -248,7 +248,7 @@ def verdict(
     `part_branches` says whether the model of the first part has branches, `branches` whether that which is saved has.
     """
     return Verdict.of([
-        *(("bad", f"The record contradicts itself: {mistake.rstrip('?')}.") for mistake in findings.mistakes),
+        *(("bad", f"The record contradicts itself: {_ended(mistake)}") for mistake in findings.mistakes),
         *_of_error(found, held_out, findings),
         *_of_zero(found, held_out),
         *(() if response is None else _of_dead_time(response, findings)),
@@ -257,6 +257,10 @@ def verdict(
         *(_OF_ANOTHER if part_branches and not branches else ()),
         *_of_excitation(findings, branches),
     ])  # fmt: skip
+
+
+def _ended(sentence: str) -> str:
+    return sentence if sentence.endswith("?") else f"{sentence}."
 
 
 _OF_ANOTHER: tuple[tuple[Level, str], ...] = (
