@@ -173,7 +173,8 @@ def test_a_motion_that_does_not_repeat_is_named():
 
 
 @pytest.mark.parametrize(
-    ("option", "values"), [("rate", ["nan"]), ("rate", ["1e9"]), ("resonances", ["0.9", "0.7"]), ("noise", ["1000"])]
+    ("option", "values"),
+    [("rate", ["nan"]), ("rate", ["1e9"]), ("rate", ["1.234567"]), ("resonances", ["0.9", "0.7"]), ("noise", ["1000"])],
 )
 def test_a_scan_that_is_refused_gives_no_advice_before(option, values):
     """It said "nan rows of nan a second", and that the sensor has to be zeroed where the noise was too large."""

@@ -143,7 +143,8 @@ static void take_weights(ts_controller *c, const ts_real *w, bool earlier)
     const ts_kalman *k = &c->law.kalman;
     ts_real before = model(c, c->u);
     memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
-    if (earlier && (k->started || c->guard.at_start)) move_offset(c, k->started ? k->y - model(c, k->u) : before - model(c, c->u));
+    if (earlier && k->started) move_offset(c, k->y - model(c, k->u));
+    else if (earlier && c->guard.at_start) move_offset(c, before - model(c, c->u));
     hand_over(c);
 }
 

@@ -59,18 +59,17 @@ def scan(
     from concurrent.futures import ThreadPoolExecutor
     from importlib import import_module
 
-    from truestroke.studies.scanning.imaging import PIXELS, checked, expected, image_stage, seconds_for
+    from truestroke.studies.scanning.imaging import PIXELS, expected, image, planned, seconds_for
 
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
-    about = {"rate": rate, "resonances": resonances, "kinds": kinds, "noise": noise, "seed": seed}
-    checked(**about)  # type: ignore[arg-type]  # before anything is said of the scan
+    stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
     if seconds_for(rate) > LONG and not as_json:
         click.echo(f"{PIXELS} rows at {rate:g} a second take about {seconds_for(rate) / 60:.2g} minutes.", err=True)
     _say(expected(rate, resonances), as_json)
     with common.progress("scanning"), ThreadPoolExecutor(1) as beside:
         loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
-        found = image_stage(**about)  # type: ignore[arg-type]  # in the thread that Ctrl-C interrupts
+        found = image(stage, motion, seed)  # in the thread that Ctrl-C interrupts
         report = loading.result()
         made = report.page(found, common.as_asked()["command"])
         pictures = common.save_page(made, page_file, plots)

@@ -70,8 +70,10 @@ def take_weights(c: State, law: FilteringLaw, weights: FloatArray, *, earlier: b
     """
     before = float(dot(law.weights, c.u))
     law.weights = weights
-    if earlier and (law.started or c.kept.guard.at_start):
-        move_offset(c, law, law.missing() if law.started else before - float(dot(weights, c.u)))
+    if earlier and law.started:
+        move_offset(c, law, law.missing())
+    elif earlier and c.kept.guard.at_start:
+        move_offset(c, law, before - float(dot(weights, c.u)))
     hand_over(c)
 
 

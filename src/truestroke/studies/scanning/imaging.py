@@ -210,7 +210,7 @@ def controllers_of(stage: MultiAxisSettings, period: float | None = None) -> Mul
     )
 
 
-def checked(
+def planned(
     rate: float, resonances: tuple[float, float], kinds: tuple[str, str], noise: float, seed: int
 ) -> tuple[MultiAxisSettings, Scan]:
     """Stage and raster of `image_stage`, of the same arguments; SettingError where one of them is out of its bounds."""
@@ -254,7 +254,11 @@ def image_stage(
     SettingError
         Names the argument, its value, the bound and the unit.
     """
-    stage, scan = checked(rate, resonances, kinds, noise, seed)
+    return image(*planned(rate, resonances, kinds, noise, seed), seed)
+
+
+def image(stage: MultiAxisSettings, scan: Scan, seed: int) -> Scanned:
+    """As `image_stage`, of what was `planned`."""
     samples = scans.Grating(), scans.Texture(seed=seed)
     gains = [one.stroke / one.voltage_limits[1] for one in stage.axes]
     usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
