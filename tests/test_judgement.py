@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from html import unescape
 from types import SimpleNamespace
 
@@ -208,6 +209,50 @@ def test_tracking_that_was_lost_for_a_while_or_at_the_end_is_said():
     level, text = judged(made(z))
     assert level == "bad"
     assert text.startswith("At the end the error was 9 um rms over 0.25 s: it has not converged.")
+
+
+def burst(z, at, size=2.0, ticks=20):
+    """With ringing of that size, um, over so many ticks."""
+    z = z.copy()
+    z[at : at + ticks] += size * np.where(np.arange(ticks) % 4 < 2, 1.0, -1.0)
+    return z
+
+
+@pytest.mark.parametrize("at", [0.6, 1.9, 3.7])
+@pytest.mark.parametrize("sigma", [0.0, 0.013, 0.1])
+def test_a_burst_of_milliseconds_is_said_also_where_a_quarter_of_a_second_does_not_show_it(at, sigma):
+    level, text = judged(made(noisy(burst(wave(), round(at * RATE)), sigma)))
+    assert level == "doubtful"
+    begins, error = re.search(r"^From (\S+) s on the error was (\S+) um rms over 5 ms, although", text).groups()
+    assert abs(float(begins) - at) < 0.0051
+    assert 1.4 < float(error) < 2.1
+
+
+@pytest.mark.parametrize("seconds", [0.5, 2.0])
+def test_an_error_of_milliseconds_while_nothing_was_followed_yet_is_none(seconds):
+    learning = wave() + 6.0 * np.exp(-np.arange(8000) / RATE / 0.1) * np.sin(50 * np.arange(8000) / RATE)
+    assert judged(made(noisy(burst(learning, 400))))[0] == "good"
+    rested = np.concatenate([np.zeros(round(seconds * RATE)), learning])
+    begun = np.concatenate([np.zeros(round(seconds * RATE)), wave()])
+    assert judged(made(noisy(rested), begun))[0] == "good"
+
+
+@pytest.mark.parametrize(("size", "level"), [(0.5, "good"), (1.5, "doubtful")])
+def test_a_burst_is_twice_what_is_tolerable(size, level):
+    assert judged(made(noisy(burst(wave(), 5000, size))))[0] == level
+
+
+def test_a_jump_of_the_motion_is_no_burst():
+    steps = np.repeat([0.0, 5.0, 1.0, 6.0, 0.0, 5.0, 1.0, 6.0], 2000)
+    followed = np.convolve(np.pad(steps, (1, 0)), [0.6, 0.4])[1 : 1 + steps.size]
+    assert judged(made(noisy(followed), steps))[0] == "good"
+    assert judged(made(noisy(burst(followed, 11500)), steps))[0] == "doubtful"
+
+
+def test_a_burst_just_after_a_known_change_of_the_plant_is_none():
+    about = {"plant": {"settings": {"change": {"time": 2.5}}}}
+    assert judged(made(noisy(burst(wave(), 5001)), metadata=about))[0] == "good"
+    assert judged(made(noisy(burst(wave(), 7001)), metadata=about))[0] == "doubtful"
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])

@@ -41,6 +41,8 @@ BEGINS, JUMPED = 10, 0.02  # ticks of a run, and an error in them as a share of 
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
 WITHIN, STEPS = 8.0, 1.5  # standard deviations, steps of a sensor: what it may show of one value
 GOES_ON = (0.02, 4.0)  # of the stroke; times that band: a voltage that moves so much further has no answer
+BURST, FEWEST = 0.005, 10  # s, and ticks at least, over which a short error is taken
+MOVES, JUMPS = 0.2, 5.0  # of the highest speed: such a window has motion; times the rms step of a tick: a jump
 BY_A_PERSON = ("interrupted", "terminated", "hangup")
 
 
@@ -198,9 +200,12 @@ class _Run:
         """Made once: two checks ask for it."""
         return _faster_than_stage(self)
 
-    def windows(self) -> FloatArray:
-        """Rms of the usable errors in each window of 0.25 s, one after the other, um; of a shorter run, one."""
-        return np.sqrt(np.maximum(0.0, self._rms_of_windows(self.error) ** 2 - self.noise**2))
+    def ticks_in(self, seconds: float) -> int:
+        return min(max(round(seconds / self.metrics.duration_s * self.metrics.ticks), 1), self.metrics.ticks)
+
+    def windows(self, length: int | None = None) -> FloatArray:
+        """Rms of the usable errors in each window of 0.25 s or of so many ticks, up to the end, um."""
+        return np.sqrt(np.maximum(0.0, self._rms_of_windows(self.error, length) ** 2 - self.noise**2))
 
     def counted(self) -> FloatArray:
         """Share of the ticks in the same windows whose errors count: none in the lead-in of a scan."""
@@ -210,8 +215,8 @@ class _Run:
         """Rms of the desired velocity in the same windows, um/s."""
         return self._rms_of_windows(np.gradient(self.recording["desired"], self.recording["time"]))
 
-    def _rms_of_windows(self, values: FloatArray) -> FloatArray:
-        length = min(max(round(WINDOW / self.metrics.duration_s * self.metrics.ticks), 1), values.size)
+    def _rms_of_windows(self, values: FloatArray, length: int | None = None) -> FloatArray:
+        length = length or self.ticks_in(WINDOW)
         return np.array([_rms(block) for block in values[values.size % length :].reshape(-1, length)])
 
 
@@ -523,6 +528,39 @@ def _unsettled(run: _Run) -> Finding | None:
     return None
 
 
+def _burst(run: _Run) -> Finding | None:
+    """An error of some milliseconds, after the motion was followed: a window of 0.25 s does not show it."""
+    if run.metrics.duration_s < 4 * WINDOW or run.rmse > run.tolerable or _unsettled(run):
+        return None
+    length = max(run.ticks_in(BURST), min(FEWEST, run.ticks_in(WINDOW)))
+    errors, end = run.windows(length), run.metrics.ticks
+    begins = np.arange(end - errors.size * length, end, length)
+    errors = np.where(_comparable(run)[begins], errors, 0.0)
+    worst = int(np.argmax(errors))
+    if errors[worst] <= 2 * run.tolerable:
+        return None
+    tick = run.metrics.duration_s / end
+    return "doubtful", (
+        f"From {tick * begins[worst]:.4g} s on the error was {errors[worst]:.3g} um rms over "
+        f"{1000 * tick * length:.2g} ms, although the motion had been followed before."
+    )
+
+
+def _comparable(run: _Run) -> npt.NDArray[np.bool_]:
+    """Ticks after a window of the motion that was followed, and not just after a jump that no actuator can follow."""
+    ticks, window = run.metrics.ticks, run.ticks_in(WINDOW)
+    speeds = run.speeds()
+    followed = np.flatnonzero((run.windows() <= run.tolerable) & (speeds >= MOVES * speeds.max()))
+    counted = np.arange(ticks) >= (ticks % window + window * (followed[0] + 1) if followed.size else ticks)
+    steps = np.abs(np.diff(run.recording["desired"]))
+    jumps = np.flatnonzero(steps > max(2 * run.tolerable, JUMPS * _rms(steps))).tolist()
+    if change := change_time(run.recording):
+        jumps.append(round(change / run.metrics.duration_s * ticks))
+    for jump in jumps:
+        counted[max(jump - window, 0) : jump + window] = False
+    return counted
+
+
 def _beyond_resonance(run: _Run) -> Finding | None:
     """An error that rises up to the last quarter of the run, a third of it faster than the resonance that was found."""
     known, rate = _known_resonance(run.recording), run.metrics.ticks / run.metrics.duration_s
@@ -590,6 +628,7 @@ CHECKS: Sequence[Check] = (
     _elsewhere,
     _restored,
     _unsettled,
+    _burst,
     _grew,
     _slewed,
     _alarmed,
