@@ -12,6 +12,7 @@ from benchmarks import dynamics as benchmark
 from benchmarks import foreign_stages
 from benchmarks.foreign_stages import Duhem, Stage
 from click.testing import CliRunner
+from scipy.signal import lfilter
 
 from truestroke import AdaptiveController, Dynamics, DynamicsError, SettingError, Timing, measure_bode, measure_dynamics
 from truestroke.cli import main
@@ -370,3 +371,21 @@ def test_a_sensor_that_reads_a_constant_is_named(reading):
 
     with pytest.raises(DynamicsError, match=r"move the stage by .* um, its noise is 0 um: look at amplifier, cables"):
         measure_bode(Constant(), voltage_limits=(-0.6, 3.6))
+
+
+class Filtered(Stage):
+    """Behind a digital filter of first order, which begins at rest."""
+
+    memory = np.zeros(1)
+
+    def exchange(self, volts):
+        z, self.memory = lfilter([0.7], [1.0, -0.3], super().exchange(volts), zi=self.memory)
+        return z
+
+
+@pytest.mark.parametrize(("rate", "lag"), [(2000.0, 0.0), (10_000.0, 20_000.0)])
+def test_a_measurement_that_seems_early_may_be_behind_a_digital_filter(rate, lag):
+    modes = [(0.25 * rate, 0.006, 1.0)]
+    stage = Filtered(modes, rate, hysteresis=Duhem(0.15), lag=lag)
+    with pytest.raises(DynamicsError, match=r"-0\.[67]\d ticks .*latency of the driver; a digital filter in the sensor"):
+        measure_dynamics(stage, voltage_limits=(0.0, 10.0))

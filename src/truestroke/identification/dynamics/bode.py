@@ -228,7 +228,7 @@ def _chosen(spectra: Spectra, local: LocalResponse, peak: float) -> Spectra:
 
 def _best(made: list[Fit], modes: int | None, used: Spectra) -> Fit:
     """The best whose inverse is stable, with modes that are seen: one beyond is none, but the slope of a lag."""
-    end = 0.99 * used.frequency[-1]
+    end = min(0.99 * used.frequency[-1], SEEN * used.sample_rate)
     wanted = [fit for fit in made if modes in (None, fit.frequency.size) and fit.frequency.max() < end]
     for fit in wanted:
         if _minimum_phase(fit):
@@ -299,7 +299,8 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
     if early > max(CERTAIN * sure, slight) or ticks > LATEST:
         raise DynamicsError(
             f"the measurement comes {ticks:.2f} ticks after its command, beyond the latency that the driver states; "
-            f"from {EARLIEST:g} to {LATEST:g} is possible: look at the latency of the driver"
+            f"from {EARLIEST:g} to {LATEST:g} is possible: look at the latency of the driver; a "
+            "digital filter in the sensor or its converter looks like that, too: widen it or switch it off"
         )
     lag = fit.lag - early / rate
     order = list(np.argsort(fit.frequency))
