@@ -320,7 +320,8 @@ def test_where_the_error_is_that_is_not_learned(cycles, words):
     made = learning.learn(learning.desired + error + noise)
     (reason,) = Learned(passes=(made,), learning=learning).verdict.reasons
     assert words in reason
-    assert (cycles == 150) == ("such as 59.88 Hz" not in reason)
+    assert (cycles == 150) == ("such as 59.88024 Hz" not in reason)
+    assert repetition(FS, 59.88024) == (167, 1), "it is taken as it is written"
 
 
 def test_an_error_that_falls_no_longer_is_not_promised_to_fall():

@@ -543,7 +543,7 @@ class Learned(Displayed):
             whole = rate / math.ceil(samples / self.learning.periods)
             return (
                 f" Most of it is at {most:.4g} Hz, which is no harmonic of the motion, and is not learned: choose a "
-                f"frequency whose period is a whole number of samples, such as {whole:.4g} Hz."
+                f"frequency whose period is a whole number of samples, such as {whole:.8g} Hz."
             )
         remedy = "choose a frequency whose harmonics meet no resonance, or longer turns (`turn` of a raster)"
         if self.learning.limited_to <= most <= SEEN * rate:
