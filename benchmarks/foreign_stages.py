@@ -35,7 +35,7 @@ STROKES = (0.5, 10.0, 30.0, 200.0)  # um
 RATES = (5000.0, 10000.0, 20000.0)  # Hz
 RESONANCES = (60.0, 2000.0)  # Hz
 ARRANGED = ("close", "three", "front")
-RELAYS = 100  # thresholds of each direction
+RELAYS = 100  # thresholds of each direction: a relay is up to 0.3 % of a motion, below which nothing is learned
 
 
 class Duhem:

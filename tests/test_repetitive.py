@@ -155,6 +155,20 @@ def test_another_amplitude_offset_and_phase_begin_with_what_was_learned():
     assert first < 0.2 * fresh.batches[0].rmse
 
 
+def test_another_amplitude_finds_a_controller_that_has_gone_on_learning():
+    """It rested until the correction was taken back, and had the mean of the rest before: 0.28 % rms."""
+    stage = StagePlant(StageSettings(hysteresis_kind="bouc-wen", resonances=(900.0,), noise=0.001))
+    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),))
+    time = np.arange(35_000) / 10_000.0
+    amplitude = 8.0 - 3.0 / (1 + np.exp(-(time - 2.2) / 0.01))
+    z = 12.0 * np.minimum(time / 0.1, 1.0) - amplitude * np.sin(2 * np.pi * 50.0 * time) * np.minimum(time / 0.1, 1.0)
+    wave = trajectories.Trajectory("sine", 10_000.0, z, np.gradient(z) * 10_000.0)
+    asked = {"sample_rate": 10_000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6), "dynamics": known}
+    run = truestroke.run(wave, RepetitiveController(AdaptiveController(**asked), period=0.02), stage)
+    error = 100 / 16.0 * (run["true"] - z)
+    assert rms(error[22_500:30_000]) < 0.1
+
+
 def test_another_period_begins_with_what_was_learned():
     controller, plant = repetitive(), Bent()
     follow(controller, sine(20.0), plant, range(6000))

@@ -540,6 +540,55 @@ def test_files_of_others_have_their_places_in_any_unit_and_their_names(writes, u
         assert np.array_equal(image.data, times * SIGNAL[::-1])
 
 
+@pytest.mark.parametrize("ending", [".gwy", ".nxs", ".tif"])
+@pytest.mark.parametrize("shape", [(1, 4), (4, 1)])
+def test_a_row_or_column_alone_keeps_its_size_and_images_their_names_and_order(ending, shape, tmp_path):
+    """A .nxs took a row for 1 um high, and had the tenth image behind the first; a .gwy kept one of a name alone."""
+    about = {"size": (3.3, 0.7), "origin": (-1.5, 2.5)}
+    made = [scans.Image(data=np.full(shape, float(i)), name="same" if i < 2 else "z", **about) for i in range(11)]
+    for i, image in enumerate(scans.read_images(scans.save_images(tmp_path / f"a{ending}", made))):
+        assert (image.name, image.data[0, 0]) == (made[i].name, i)
+        assert image.size == pytest.approx(about["size"])
+        assert image.origin == pytest.approx(about["origin"])
+    assert i == 10
+
+
+def test_a_gsf_has_any_name_and_small_letters(tmp_path):
+    image = scans.Image(data=np.eye(2), size=(1.0, 1.0), name="bias = 3 V\nfwd", unit="pm")
+    (back,) = scans.read_images(scans.save_images(tmp_path / "a.gsf", image))
+    assert back.name == "bias : 3 V fwd"
+    assert back.data.max() == pytest.approx(1e-3), "nm"
+    with pytest.raises(SettingError, match="in small letters"):
+        scans.save_images(tmp_path / "a.GSF", image)
+
+
+def test_a_nexus_of_others_has_bytes_and_edges_and_even_axes(tmp_path):
+    def written(**axes):
+        in_nexus(tmp_path / "a.nxs", "um", 1.0)
+        with h5py.File(tmp_path / "a.nxs", "r+") as file:
+            data = file["entry/data"]
+            for place, kind in ((file["entry"], b"NXentry"), (data, b"NXdata")):
+                place.attrs["NX_class"] = np.bytes_(kind)
+            data.attrs["signal"], data.attrs["axes"] = np.bytes_(b"Height"), np.array([b"y", b"x"])
+            for axis, places in axes.items():
+                del data[axis]
+                data[axis] = places
+        return scans.read_images(tmp_path / "a.nxs")[0]
+
+    assert written(x=[2.0, 1.5, 1.0, 0.5, 0.0]).size == pytest.approx((2.0, 3.0))
+    for places, words in (([0.0, 1.0, 3.0, 7.0], "are not even"), ([0.0, 1.0], "2 places for 4 pixels")):
+        with pytest.raises(scans.ImageError, match=words):
+            written(x=places)
+
+
+def test_a_tiff_without_a_resolution_or_of_complex_numbers_is_said(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", np.ones((2, 3), np.uint16), resolution=(0, 0), resolutionunit="CENTIMETER")
+    assert scans.read_images(tmp_path / "a.tif")[0].size == (3.0, 2.0)
+    tifffile.imwrite(tmp_path / "a.tif", np.ones((2, 3), np.complex64))
+    with pytest.raises(scans.ImageError, match="complex numbers"):
+        scans.read_images(tmp_path / "a.tif")
+
+
 def test_a_place_in_no_length_is_named(tmp_path):
     in_gwyddion(tmp_path / "a.gwy", "1/m", 1.0)
     with pytest.raises(scans.ImageError, match="places in '1/m', which must be one of pm, nm, um"):

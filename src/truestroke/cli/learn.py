@@ -43,6 +43,8 @@ LONGEST = 10_000_000  # samples of a repetition
               "times the first resonance]")  # fmt: skip
 @click.option("--averaged", metavar="S", type=click.FloatRange(0.0, 3600.0), default=0.5,
               help="Duration of the periods of a pass that count.")  # fmt: skip
+@click.option("--settle", metavar="S", type=click.FloatRange(0.0, 3600.0), help="Duration of those before them.  "
+              "[default: until the start has decayed, 0.3 to 5]")  # fmt: skip
 @click.option("--output", metavar="NAME", default="learned", help="Write NAME.csv, NAME.toml and "
               "NAME.html.")  # fmt: skip
 @realtime.live_option
@@ -68,7 +70,8 @@ def learn(
     driver, limits, rate = _driven(config, options)
     if options["offset"] is None:
         options["offset"] = _middle(limits, options["peak_to_peak"])
-    wave, given = _wave(motion, rate, options), {key: options[key] for key in ("passes", "bandwidth", "averaged")}
+    wave = _wave(motion, rate, options)
+    given = {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
     given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
     given["model"] = options["model"] and truestroke.usable_model(options["model"], force=options["force"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)

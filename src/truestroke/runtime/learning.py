@@ -33,7 +33,8 @@ from truestroke.signals.tables import RecordError
 from truestroke.signals.trajectories import Trajectory
 
 PASSES = 8
-SETTLE = 0.3  # s of each pass before the periods that count: the start decays
+SETTLE = 0.3, 5.0  # s of each pass before the periods that count, at least and at most: the start decays
+RUNG = 7.0  # time constants of a mode: its ringing is a thousandth after them
 AVERAGED = 0.5  # s of periods that count, at least
 PERIODS = 2, 3  # of the motion, at least: before those that count, and those
 BEYOND = 1.0  # of the stroke: so far out of reach a motion may seem, where the stroke is twice what is stated
@@ -59,7 +60,7 @@ def learn(
     bandwidth: float | None = None,
     model: ActuatorModel | str | os.PathLike[str] | None = None,
     passes: int = PASSES,
-    settle: float = SETTLE,
+    settle: float | None = None,
     averaged: float = AVERAGED,
     report: Callable[[Learned], None] = lambda _: None,
     doing: Callable[[str], None] = lambda _: None,
@@ -104,8 +105,11 @@ def learn(
         `AdaptiveController.from_model`.
     passes : int
         At most, from 1 to 1000; the first one has learned nothing.
-    settle, averaged : float
-        Duration of the periods that do not count, and of those that do, at least, s.
+    settle : float, optional
+        Duration of the periods that do not count, at least, s; by default until the ringing of the start is a
+        thousandth, as the dynamics say, 0.3 to 5 s.
+    averaged : float
+        Duration of those that count, at least, s.
     report : callable, optional
         Called after each pass with what was learned so far, from the first one that was measured.
     doing : callable, optional
@@ -152,7 +156,7 @@ def learn(
     _refuse_reach(motion, gain, limits)
     measures = dynamics is None and bandwidth is None
     rate = check_motion(motion, sample_rate, checks.within("resonance", resonance, 0.0, 1e9, "Hz") if measures else 0.0)
-    for name, seconds in (("settle", settle), ("averaged", averaged)):
+    for name, seconds in (("settle", SETTLE[0] if settle is None else settle), ("averaged", averaged)):
         checks.within(name, seconds, 0.0, 3600.0, "s")
     spring = ""
     if measures:
@@ -172,6 +176,7 @@ def learn(
         if spring and error.argument == "bandwidth":
             raise DynamicsError(f"the motion is too fast where {spring}") from error
         raise
+    settle = _settles(dynamics) if settle is None else settle
     play = _player(driver, rate, limits)
     subtracted = _zero(play, limits, rate, stroke, zero)
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
@@ -296,6 +301,13 @@ def _player(driver: Driver | Actuator, rate: float, limits: Limits) -> Callable[
         return measured
 
     return play
+
+
+def _settles(dynamics: Dynamics | None) -> float:
+    """Time until the start of a pass has decayed, s."""
+    modes = () if dynamics is None else dynamics.modes
+    rings = max((1 / (2 * math.pi * mode.frequency * mode.damping) for mode in modes), default=0.0)
+    return min(max(SETTLE[0], RUNG * rings), SETTLE[1])
 
 
 def _periods(learning: IterativeLearning, duration: float, least: int) -> int:

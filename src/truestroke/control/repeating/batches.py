@@ -200,7 +200,7 @@ def joined(
         Of the last motion.
     """
     yield
-    below = np.minimum(f, rate / 2)
+    below = np.minimum(f, rate / 2)  # a period of 16.9 ticks has 17 phases: harmonics above half of the sample rate
     G, sensor = yield from _responses(dynamics, below)
     first = UNKNOWN * rate if dynamics is None else dynamics.modes[0].frequency
     alone = beside(below, first, band, 1.0 if dynamics is None else APART)

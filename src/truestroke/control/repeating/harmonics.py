@@ -50,6 +50,7 @@ MOVED, MOVED_BEYOND = 0.01, 1.0  # of the power of a change of voltage: what it 
 NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic reaches each one beside it, / the distance
 CARRIED = 4.0  # times the power that noise, which is put out, has at other harmonics
 PROBED = 0.3  # of the step beyond the bandwidth, at least: it shows R
+DOUBTED = 0.5  # variance of R beforehand, at least, once passes have shown that what is known of it is wrong
 CREEPS = 0.8  # of the creep of a pass: that of the next one
 PAIRS = 3  # earlier changes whose effect is known
 LONGEST = 1.5  # times such a change: how far its effect is trusted
@@ -121,7 +122,7 @@ class HarmonicLaw:
         self.desired, self.response, self.samples, self.periods = desired, response, samples, periods
         self.learned = learned
         self._moving = learned & (np.arange(learned.size) > 0)
-        self._prior = prior
+        self._prior, self._doubted = prior, 0.0  # the least variance of R beforehand
         self._shown: tuple[ComplexArray, FloatArray] = np.zeros_like(response), np.zeros(response.size)
         if known:
             self.know()
@@ -157,6 +158,7 @@ class HarmonicLaw:
         """`know` in steps."""
         weighted, information = self._shown
         mean, variance = yield from self._prior.giving(weighted, information)
+        variance = np.maximum(variance, self._doubted)
         yield
         self._information = 1 / variance + information
         self.ratio: ComplexArray = np.asarray((mean / variance + weighted) / self._information, dtype=np.complex128)
@@ -408,13 +410,14 @@ class PassLaw(HarmonicLaw):
       Where the error is surely no noise it is learned, with small steps until the passes have shown R.
     - What hysteresis makes of a change is strain, in front of the stage: a resonance amplifies it, too.
     - Where the stage seems to have changed the best pass comes again. Is it as good as before, R was wrong, not the
-      stage: what passes have shown of R is forgotten.
+      stage: what was known of R is forgotten, and the way back shows it.
     """
 
     def __init__(self, *given: Any, beyond: BoolArray, **named: Any) -> None:
         super().__init__(*given, **named)
         self._beyond = beyond
         self._asks = False
+        self._before: Spectra | None = None  # the pass before the last one
         self._crept, self._foreseen = 0.0, 0.0  # of the mean, in the last pass and in the next one, times samples, um
 
     def seeing(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> Steps[None]:
@@ -425,6 +428,7 @@ class PassLaw(HarmonicLaw):
             scatter = noise2 + self._crossed(x) + (WHOLE * np.abs(x)) ** 2 + self.least
             self._shown = np.asarray(np.conj(x) * measured / scatter), np.abs(x) ** 2 / scatter
             yield from self.knowing()
+        self._before = self._last
         yield from super().seeing(output, measured, noise2)
         earlier = [] if self._changed else self._pairs[-PAIRS:]
         self._pairs = [*earlier, (output, self._error, noise2)]
@@ -449,9 +453,17 @@ class PassLaw(HarmonicLaw):
         undone = super()._judge(spread, noise, E)
         self._asks = self._worse and self._changed
         if asked and not undone:
-            self._shown, self._step = tuple(map(np.zeros_like, self._shown)), max(LEAST, SHY * step)  # type: ignore[assignment]
-            self.know()
+            self._forget(max(LEAST, SHY * step))
         return undone
+
+    def _forget(self, step: float) -> None:
+        """R is unsure again; the way back to the best pass, which no sure R explained, is the first that shows it."""
+        assert self._before is not None
+        assert self._last is not None
+        self._doubted, self._step = DOUBTED, step
+        self._shown = np.zeros_like(self.response), np.zeros(self.response.size)
+        self.know()
+        finished(self._estimate(self._before, self._last))
 
     def _crossed(self, x: ComplexArray) -> FloatArray:
         size = np.abs(self.response) / np.abs(self.response[0])

@@ -51,7 +51,8 @@ ABOVE = 0.2  # of the square of the noise: what else may be in an error that is 
 NEAR = 2.0  # times the noise: an error that more passes hardly lower
 FINE = 1e-3  # of the peak-to-peak, rms: a result that is good
 HELD = 0.4  # of the noise of a pass: what of it is learned, and moves the stage
-SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help
+SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help,
+STOPPED = 4  # and what one of the last passes must have had of the best one before
 SHOWN = 2.0  # times the noise: with no more a pass shows no motion
 CROSSED = 0.05  # of the span of the voltage: how far it goes on while a sensor is at the end of its range
 GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
@@ -158,6 +159,8 @@ class IterativeLearning(Displayed):
         allow where errors count.
     samples, periods : int
         Of a repetition: where a period of the motion takes no whole number of samples, it has several periods.
+    bandwidth, limited_to : float
+        Highest harmonic that is learned, Hz, and the one that was given, beyond which none is; infinite where none was.
 
     Raises
     ------
@@ -203,6 +206,7 @@ class IterativeLearning(Displayed):
         self.dynamics, self.counts = dynamics, counts
         self._frequency: FloatArray = np.fft.rfftfreq(self.samples, 1 / self.sample_rate).astype(np.float64)
         self.bandwidth = self._band(bandwidth)
+        self.limited_to = math.inf if bandwidth is None else self.bandwidth
         self._learned = (self._frequency <= self.bandwidth) & (np.arange(self._frequency.size) % self.periods == 0)
         self.desired = finished(nearest(wave, counts, self._learned))
         G, sensor, self._variance = response_of(dynamics, self._frequency, self.sample_rate, self.gain)
@@ -500,24 +504,31 @@ class Learned(Displayed):
         if len(made) > 1 and best is made[0] and not at_the_noise(best):
             findings.append(("bad", "No pass was better than the first one: measure the dynamics again."))
         elif not at_the_noise(best, NEAR) and best.rmse > FINE * span:
-            text = (
-                f"The error is {figures(best.rmse / best.noise)} times the noise of a pass"
-                if best.noise
-                else "It is not 0"
-            )
-            if best.limited <= LIMITED:  # else its own reason says why passes do not help
-                lower = best.expected < SLOW * best.rmse
-                text += ": more passes will lower it" if lower else ": more passes will hardly lower it"
-            findings.append(("doubtful", f"{text}.{self._beyond()}"))
+            times = figures(best.rmse / best.noise) if best.noise else ""
+            text = f"The error is {times} times the noise of a pass" if times else "It is not 0"
+            findings.append(("doubtful", text + self._further([one.rmse for one in made])))
         elif min(best.rmse, left) > FINE * span:
             text = f"The noise of a pass is {100 * best.noise / span:.2g} % of the motion, {quantity(span, 'um')}, so"
             text += f" that no pass shows whether it was learned to {100 * FINE:g} %: measure more periods "
-            text += "(`averaged`), or move further."
+            text += "(`averaged`), wait for longer before them (`settle`), or move further."
             findings.append(("doubtful", text))
         findings += [("doubtful", reason) for reason in best.verdict.reasons]
         if missed := sum(one.measured.size == 0 for one in self.passes):
             findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))
         return Verdict.of(findings)  # type: ignore[arg-type]
+
+    def _further(self, errors: list[float]) -> str:
+        """What more passes do, after those with these errors, um, and what helps: the end of a sentence, and others."""
+        if self.best.limited > LIMITED:  # its own reason says why passes do not help
+            return f".{self._beyond()}"
+        if len(errors) > STOPPED and min(errors[-STOPPED:]) > SLOW * min(errors[:-STOPPED]):
+            why = self._beyond() or (
+                " Look for steps of the converter or the sensor, for friction, and for a stage that is another one in "
+                "each pass, as one is that warms up."
+            )
+            return f", and has hardly fallen in the last {STOPPED} passes: more will not lower it.{why}"
+        lower = self.best.expected < SLOW * self.best.rmse
+        return f": more passes will {'lower' if lower else 'hardly lower'} it.{self._beyond()}"
 
     def _beyond(self) -> str:
         """A sentence where most of the error is in harmonics that are not learned."""
@@ -532,12 +543,12 @@ class Learned(Displayed):
             whole = rate / math.ceil(samples / self.learning.periods)
             return (
                 f" Most of it is at {most:.4g} Hz, which is no harmonic of the motion, and is not learned: choose a "
-                f"frequency whose period is a whole number of samples, such as {whole:.4g} Hz."
+                f"frequency whose period is a whole number of samples, such as {whole:.8g} Hz."
             )
-        return (
-            f" Most of it is at {most:.4g} Hz, beyond the bandwidth of {self.learning.bandwidth:.4g} Hz: raise "
-            "`bandwidth`, with dynamics that are known so far, or choose a frequency whose harmonics meet no resonance."
-        )
+        remedy = "choose a frequency whose harmonics meet no resonance, or longer turns (`turn` of a raster)"
+        if self.learning.limited_to <= most <= SEEN * rate:
+            remedy = f"raise `bandwidth`, with dynamics that are known so far, or {remedy}"
+        return f" Most of it is at {most:.4g} Hz, beyond the bandwidth of {self.learning.bandwidth:.4g} Hz: {remedy}."
 
     def _display(self) -> tuple[str, Rows]:
         rows = [(f"pass {one.number}", quantity(one.rmse, "um"), one.undone) for one in self.passes]

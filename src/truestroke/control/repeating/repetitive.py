@@ -328,8 +328,10 @@ class RepetitiveController(Displayed):
     def _see_error(self, z_measured: float, place: int) -> None:
         """A measurement, um, of the command at a place of those that are kept."""
         error, learned = z_measured - self._asked[place], self._learned
-        follows = self._repetition.corrects and learned is not None and learned.hysteresis is not None
-        if not self._repetition.see(error, learned.slope if follows and learned is not None else 0.0):
+        slope = 0.0
+        if self._repetition.corrects and learned is not None and (learned.carries or learned.hysteresis is not None):
+            slope = learned.slope
+        if not self._repetition.see(error, slope):
             return
         if self._watch is not None and self._watch.see(int(self._phases[place]) % self._repetition.size, error):
             self._become(self._watch.volts)
@@ -359,9 +361,9 @@ class RepetitiveController(Displayed):
         return Dynamics(sample_rate=self.sample_rate, modes=(Mode(frequency=found, damping=FOUND_DAMPING),))
 
     def _leave(self) -> None:
-        """The correction is taken back; then the controller inside learns again."""
+        """The correction is taken back; the controller inside, which has not followed, learns again at once."""
         self._task = self._learned = self._watch = None
-        self._joined = False
+        self._joined = self._rests = False
         if self._kept is not None:
             self._kept = replace(self._kept, level=self._repetition.goal)
         self._repetition.move(0.0, self._change)
@@ -431,10 +433,7 @@ class RepetitiveController(Displayed):
                 self._kept = None
             self._wait()
             return
-        if outcome.batch is None:
-            assert self._kept is not None
-            self._repetition.move(self._kept.level, self._change)
-        else:
+        if outcome.batch is not None:  # else the mean is that of the controller inside, which has learned meanwhile
             rests = max(RESTS, math.ceil(self._change / self._repetition.size))
             self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome, rests)
         self._become(outcome.volts)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,11 +21,13 @@ from truestroke.base.typing import FloatArray
 from truestroke.signals.scans.images import Image, ImageError
 from truestroke.signals.scans.scan import Scan
 
-LENGTHS = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "m": 1.0}  # of a signal that is a height, in m
-PLACES = {"pm": 1e-6, "nm": 1e-3, "um": 1.0, "micron": 1.0, "microns": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6}  # in um
+LENGTHS = {"pm": 1e-6, "nm": 1e-3, "um": 1.0, "micron": 1.0, "microns": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6}  # in um
 MICRO = {"\u00b5": "u", "\u03bc": "u", "\\u00B5": "u"}  # the sign, the Greek letter, and what ImageJ writes of it
 COLOURS = {2, 3, 4}  # numbers a pixel: grey, or red, green and blue, the even ones with opacity
 MAKER = "truestroke"
+UNEVEN = 0.5  # of a pixel: how far one may be from where even pixels would be
+PIXEL = "pixel_size"  # attribute of an axis of NeXus, of one pixel too, whose centre does not say how wide it is
+CHANNEL = re.compile("/[0-9]+/data")  # of a .gwy
 ENDINGS = {".gsf": "gsffile", ".gwy": "gwyfile", ".tif": "tifffile", ".tiff": "tifffile", ".nxs": "h5py"}
 """Endings of the files, and the package that writes and reads each."""
 
@@ -51,7 +54,8 @@ def save_images(
             scan, where it is given
     ======  =========================================================  ===============
 
-    Heights are written in m where the format has units of its own (.gsf, .gwy).
+    Heights are written in m where the format has units of its own (.gsf, .gwy). A name in a .gsf has : in place of =,
+    and spaces in place of line breaks.
 
     Parameters
     ----------
@@ -131,6 +135,8 @@ def require_library(path: Path) -> None:
     module = ENDINGS.get(path.suffix.lower())
     if module is None:
         raise SettingError("path", str(path), f"a file that ends with {', '.join(ENDINGS)}")
+    if module == "gsffile" and path.suffix != ".gsf":
+        raise SettingError("path", str(path), "a file that ends with .gsf, in small letters, as gsffile asks for")
     try:
         importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -140,8 +146,8 @@ def require_library(path: Path) -> None:
 
 def _in_m(image: Image) -> tuple[FloatArray, str]:
     """Data, highest y first, and unit; a height in m."""
-    factor = LENGTHS.get(image.unit)
-    return image.data[::-1] * (factor or 1.0), "m" if factor else image.unit
+    um = LENGTHS.get(_plain(image.unit))
+    return image.data[::-1] * (1e-6 * um if um else 1.0), "m" if um else image.unit
 
 
 def _as_read(data: Any, unit: str, size: Sequence[float], origin: Sequence[float], name: str, um: float) -> Image:
@@ -153,11 +159,16 @@ def _as_read(data: Any, unit: str, size: Sequence[float], origin: Sequence[float
 
 def _um(unit: str) -> float:
     """The unit of a place, um."""
+    plain = _plain(unit)
+    if plain not in LENGTHS:
+        raise ValueError(f"places in {plain!r}, which must be one of {', '.join(LENGTHS)}")
+    return LENGTHS[plain]
+
+
+def _plain(unit: str) -> str:
     for sign, letter in MICRO.items():
         unit = unit.replace(sign, letter)
-    if unit.strip() not in PLACES:
-        raise ValueError(f"places in {unit!r}, which must be one of {', '.join(PLACES)}")
-    return PLACES[unit.strip()]
+    return unit.strip()
 
 
 # ---- Gwyddion ------------------------------------------------------------------------------------------------------
@@ -171,7 +182,8 @@ def _write_gsf(path: Path, images: Sequence[Image], _: Scan | None) -> None:
     image, (data, unit) = images[0], _in_m(images[0])
     about: dict[str, object] = {"XReal": 1e-6 * image.size[0], "YReal": 1e-6 * image.size[1]}
     about |= {"XOffset": 1e-6 * image.origin[0]}
-    about |= {"YOffset": 1e-6 * image.origin[1], "XYUnits": "m", "ZUnits": unit, "Title": image.name, "Software": MAKER}
+    about |= {"YOffset": 1e-6 * image.origin[1], "XYUnits": "m", "ZUnits": unit, "Software": MAKER}
+    about |= {"Title": " ".join(image.name.replace("=", ":").splitlines())}
     gsffile.write_gsf(path, np.ascontiguousarray(data, np.float32), about)
 
 
@@ -208,9 +220,11 @@ def _write_gwy(path: Path, images: Sequence[Image], _: Scan | None) -> None:
 def _read_gwy(path: Path) -> list[Image]:
     import gwyfile
 
-    found = gwyfile.util.get_datafields(gwyfile.load(str(path)))
+    found = gwyfile.load(str(path))
     made = []
-    for name, f in found.items():
+    for key in sorted((key for key in found if CHANNEL.fullmatch(key)), key=lambda key: int(key.split("/")[1])):
+        f, title = found[key], found.get(f"{key}/title", path.stem)
+        name = chr(title) if isinstance(title, int) else str(title)  # gwyfile writes a single letter as a number
         origin, um = (f.get("xoff", 0.0), f.get("yoff", 0.0)), _um(f.si_unit_xy.unitstr or "m")
         made.append(_as_read(f.data, f.si_unit_z.unitstr, (f.xreal, f.yreal), origin, name, um))
     return made
@@ -265,6 +279,8 @@ def _read_tiff(path: Path) -> list[Image]:
 def _measured(page: Any) -> FloatArray:
     """The numbers of a page of a TIFF: brighter is more, and those of a palette are its colours."""
     data = np.asarray(page.asarray())
+    if np.iscomplexobj(data):
+        raise ValueError("complex numbers: export their size or their phase")
     if page.photometric is not None and page.photometric.name == "MINISWHITE":
         white = 2.0**page.bitspersample - 1 if data.dtype.kind in "bu" else 0.0
         return np.asarray(white - data.astype(np.float64))
@@ -321,9 +337,10 @@ def _about(text: str) -> dict[str, Any]:
 def _size(shape: Sequence[int], tags: Mapping[str, Any], um: float | None) -> tuple[float, float]:
     """Width and height, um, by the resolution of a page, in pixels by unit; a pixel of 1 um where it has none."""
     unit = um or {2: 25_400.0, 3: 10_000.0}.get(int(tags.get("ResolutionUnit", 1)), 0.0)  # an inch, a centimetre
-    if not unit or "XResolution" not in tags:
+    known = [tags.get(name, (0, 1)) for name in ("XResolution", "YResolution")]
+    if not unit or not all(one > 0 for pair in known for one in pair):
         return float(shape[1]), float(shape[0])
-    across, down = (tags[name][0] / tags[name][1] / unit for name in ("XResolution", "YResolution"))
+    across, down = (pixels / units / unit for pixels, units in known)
     return shape[1] / across, shape[0] / down
 
 
@@ -334,7 +351,8 @@ def _write_nexus(path: Path, images: Sequence[Image], scan: Scan | None) -> None
     import h5py
 
     with h5py.File(path, "w") as file:
-        names = [f"image_{i}" for i in range(len(images))]
+        digits = len(str(len(images) - 1))  # so that their order is that of the images
+        names = [f"image_{i:0{digits}d}" for i in range(len(images))]
         entry = _group(file, "entry", "NXentry", default=names[0])
         file.attrs["default"] = "entry"
         entry["definition"] = "NXspm"
@@ -362,6 +380,7 @@ def _nexus_data(entry: Any, name: str, image: Image) -> None:
     for axis, start, size, pixels in zip("xy", image.origin, image.size, image.data.shape[::-1], strict=True):
         centres = start + (np.arange(pixels) + 0.5) * size / pixels
         _number(data, axis, centres if axis == "x" else centres[::-1], "um")
+        data[axis].attrs[PIXEL] = size / pixels
 
 
 def _nexus_scan(control: Any, image: Image, scan: Scan | None) -> None:
@@ -400,21 +419,25 @@ def _read_nexus(path: Path) -> list[Image]:
 
     made = []
     with h5py.File(path) as file:
-        for entry in (one for one in file.values() if one.attrs.get("NX_class") == "NXentry"):
-            for group in (one for one in entry.values() if one.attrs.get("NX_class") == "NXdata"):
+        for entry in (one for one in file.values() if _words(one, "NX_class") == ["NXentry"]):
+            for group in (one for one in entry.values() if _words(one, "NX_class") == ["NXdata"]):
                 made += _nexus_images(group)
     return made
 
 
 def _nexus_images(group: Any) -> list[Image]:
     """Signal and auxiliary signals of an NXdata, over the same axes."""
-    y, x = (np.asarray(group[name], dtype=np.float64) * _um(_unit(group[name]) or "um") for name in group.attrs["axes"])
-    up, left = y[0] > y[-1], x[0] > x[-1]
-    (west, width), (low, height) = (_span(np.sort(one)) for one in (x, y))
+    axes = [group[name] for name in _words(group, "axes")]
+    (signal,) = _words(group, "signal")
+    if not len(axes) == group[signal].ndim == 2:
+        raise ValueError(f"{group.name} has {len(axes)} axes for a signal of {group[signal].ndim}: an image has 2")
+    places = [_centres(axis, pixels) for axis, pixels in zip(axes, group[signal].shape, strict=True)]
+    (low, height), (west, width) = (_span(*one) for one in places)
+    up, left = (one[0] > one[-1] for one, _ in places)
     title = str(group["title"].asstr()[()] if "title" in group else group.name)
-    others = np.atleast_1d(group.attrs.get("auxiliary_signals", ())).tolist()
+    others = _words(group, "auxiliary_signals")
     made = []
-    for name in (group.attrs["signal"], *others):
+    for name in (signal, *others):
         data = np.asarray(group[name], dtype=np.float64)[:: -1 if up else 1]
         unit = _unit(group[name])
         image = Image(
@@ -428,15 +451,36 @@ def _nexus_images(group: Any) -> list[Image]:
     return made
 
 
+def _words(place: Any, name: str) -> list[str]:
+    """The text of an attribute, or its texts; those of many writers are bytes."""
+    texts = np.atleast_1d(place.attrs.get(name, ())).tolist()
+    return [one.decode() if isinstance(one, bytes) else str(one) for one in texts]
+
+
 def _unit(dataset: Any) -> str:
-    unit = dataset.attrs.get("units", "")
-    return unit.decode() if isinstance(unit, bytes) else str(unit)
+    return next(iter(_words(dataset, "units")), "")
 
 
-def _span(centres: FloatArray) -> tuple[float, float]:
+def _centres(axis: Any, pixels: int) -> tuple[FloatArray, float]:
+    """Places of an axis, um, of as many pixels, and the width of one; NeXus permits their edges, one more."""
+    um = _um(_unit(axis) or "um")
+    places = np.atleast_1d(np.asarray(axis, dtype=np.float64)) * um
+    if places.size == pixels + 1:
+        places = (places[1:] + places[:-1]) / 2
+    if places.size != pixels:
+        raise ValueError(f"the axis {axis.name} has {places.size} places for {pixels} pixels")
+    if pixels == 1:
+        return places, um * float(axis.attrs.get(PIXEL, 1.0))
+    even = np.linspace(places[0], places[-1], pixels)
+    pixel = abs(float(even[1] - even[0]))
+    if not np.abs(places - even).max() <= UNEVEN * pixel:
+        raise ValueError(f"the places of the axis {axis.name} are not even")
+    return places, pixel
+
+
+def _span(centres: FloatArray, pixel: float) -> tuple[float, float]:
     """Lower edge and length of pixels by their centres."""
-    pixel = float(centres[-1] - centres[0]) / max(centres.size - 1, 1) or 1.0
-    return float(f"{centres[0] - pixel / 2:.9g}"), float(f"{pixel * centres.size:.9g}")
+    return float(f"{centres.min() - pixel / 2:.9g}"), float(f"{pixel * centres.size:.9g}")
 
 
 WRITERS: dict[str, Callable[[Path, Sequence[Image], Scan | None], None]] = {
