@@ -16,6 +16,7 @@ from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import GAP, Record, as_record
+from truestroke.identification.records.resting import moving
 from truestroke.identification.records.series import MOVES
 from truestroke.identification.records.turning import Rows
 from truestroke.signals.clipping import clipped
@@ -229,10 +230,10 @@ def _seldom_way(turns: FloatArray, rows: Rows) -> float:
 def _visited(x: FloatArray) -> tuple[float, tuple[float, float] | None]:
     """Share of `PARTS` of the span with more than `SELDOM` of the rows of an even motion, %; where these are, V.
 
-    The second where they lie side by side.
+    The second where they lie side by side. Long rests are no motion.
     """
-    rows, edges = np.histogram(x, PARTS)
-    places = np.flatnonzero(rows > SELDOM * x.size / PARTS)
+    rows, edges = np.histogram(x[moving(x)], PARTS, (float(x.min()), float(x.max())))
+    places = np.flatnonzero(rows > SELDOM * rows.sum() / PARTS)
     whole = float(edges[places[0]]), float(edges[places[-1] + 1])
     return 100 * places.size / PARTS, whole if places[-1] - places[0] + 1 == places.size else None
 
