@@ -18,6 +18,7 @@ from truestroke.identification.records import turning
 from truestroke.identification.records.record import GAP, Record, as_record
 from truestroke.identification.records.resting import moving
 from truestroke.identification.records.series import MOVES
+from truestroke.identification.records.shaken import shaken
 from truestroke.identification.records.turning import Rows
 from truestroke.signals.clipping import clipped
 from truestroke.signals.noise import noise
@@ -281,12 +282,15 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
             says.append(f"the {name} moves by {size:.3g} {unit}, unlikely for a piezo actuator: is its unit right?")
     if not 1e-3 <= abs(found.gain_um_per_v) <= 1e3 and not says:
         says.append(f"the gain is {found.gain_um_per_v:.3g} um/V, unlikely for a piezo actuator: are the units right?")
+    rings = shaken(record.volts, record.displacement)
+    if rings > 0:  # loop and correlation are those of the ringing
+        return says
     if found.loop_width_percent < -0.5:
         says.append("the displacement leads the voltage (its loop turns clockwise): are the columns swapped?")
     if abs(found.correlation) < 0.7 and not ringing(record):
         correlation = f"correlation {found.correlation:.2f}"
         says.append(f"voltage and displacement hardly move together ({correlation}): wrong column?")
-    elif found.gain_um_per_v < 0:
+    elif found.gain_um_per_v < 0 or rings < 0:
         says.append("the displacement falls as the voltage rises: turn its sign before fitting (`flip_displacement`)")
     return says
 

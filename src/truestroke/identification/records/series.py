@@ -14,6 +14,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import FEWEST_ROWS
 from truestroke.identification.records.resting import STILL
+from truestroke.identification.records.shaken import shaken
 from truestroke.signals.channels import Signals
 from truestroke.signals.clipping import clipped
 from truestroke.signals.quiet import noise_not_followed, without_noise
@@ -116,7 +117,8 @@ def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
     for name, value, unit in (("volts", x, "V"), ("displacement", z, "um")):
         if np.ptp(value) <= 1e-12 * np.abs(value).max():
             raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
-    if (x - x.mean()) @ (z - z.mean()) <= 0:
+    rings = shaken(x, z)
+    if rings < 0 or (rings == 0 and (x - x.mean()) @ (z - z.mean()) <= 0):
         bound = "one that rises (`flip_displacement` turns its sign)"
         raise SettingError("displacement", "falls where volts rises", bound)
 
