@@ -387,5 +387,7 @@ class Filtered(Stage):
 def test_a_measurement_that_seems_early_may_be_behind_a_digital_filter(rate, lag):
     modes = [(0.25 * rate, 0.006, 1.0)]
     stage = Filtered(modes, rate, hysteresis=Duhem(0.15), lag=lag)
-    with pytest.raises(DynamicsError, match=r"-0\.[67]\d ticks .*latency of the driver; a digital filter in the sensor"):
+    with pytest.raises(
+        DynamicsError, match=r"-0\.[67]\d ticks .*latency of the driver; a digital filter in the sensor"
+    ):
         measure_dynamics(stage, voltage_limits=(0.0, 10.0))

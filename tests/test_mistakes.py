@@ -10,6 +10,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke.cli import main
 from truestroke.identification import Record, RecordError, examine, identify, read_record
+from truestroke.identification.records.series import series
 from truestroke.model.operators import play_history
 from truestroke.plant import RealisticPlant
 
@@ -108,6 +109,30 @@ def test_a_stage_that_rings_at_every_turn_does_not_lead() -> None:
     found = examine(Record.from_arrays(10 * v, 11 * z + 3e-3 * rng.standard_normal(z.size), sample_rate=5e3))
     assert found.mistakes == ()
     assert found.delay_ms is None
+
+
+@pytest.mark.parametrize(("milliseconds", "shifted"), [(0.29, False), (2.9, True)])
+def test_a_fast_stage_with_its_dead_time_is_not_shifted(milliseconds: float, shifted: bool) -> None:
+    """Strokes of 0.8 ms, or of 8 ms, and the same share of them."""
+    rate = 1e5 / (milliseconds / 0.29)
+    v = foreign_records.wave(np.arange(20000) / 1e5, np.random.Generator(np.random.PCG64(3)), 700.0)
+    y = foreign_records.duhem(v) + 1e-3 * np.random.Generator(np.random.PCG64(4)).standard_normal(v.size)
+    found = examine(Record.from_arrays(100 * v[29:], 20 * y[:-29], sample_rate=rate))
+    assert [text.endswith("is it shifted?") for text in found.mistakes] == [True] * shifted
+
+
+@pytest.mark.parametrize(("rows", "resonance"), [(25, 30.0), (67, 44.0), (25, 100.0)])
+def test_square_steps_of_a_resonant_stage_are_no_turned_sensor_and_a_turned_one_is(rows: int, resonance: float) -> None:
+    """Driven above its resonance a stage goes down as its voltage goes up; a turned sensor is known by its gain."""
+    steps = np.tile(np.repeat([0.0, 1.0], rows), 2000 // rows)
+    z = 20 * foreign_records.resonance(steps, 2000.0, resonance, 0.02)
+    z += 0.05 * np.random.Generator(np.random.PCG64(1)).standard_normal(z.size)
+    found = examine(Record.from_arrays(100 * steps, z, sample_rate=2000.0))
+    assert found.mistakes == ()
+    assert not any("swapped" in text or "flip" in text for text in found.warnings)
+    assert series((100 * steps, z, 2000.0)).volts.size == z.size
+    with pytest.raises(truestroke.SettingError, match="falls where volts rises"):
+        series((100 * steps, -z, 2000.0))
 
 
 @pytest.mark.parametrize("wrong", [False, True])

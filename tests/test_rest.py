@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from benchmarks import foreign_records as foreign
 
-from truestroke.identification import identify, score
+from truestroke.identification import Record, examine, identify, score
 from truestroke.identification.fitting import select, uncertainty
 from truestroke.identification.fitting.procedure import data_of
 from truestroke.identification.fitting.rest import from_step, over_motion
+from truestroke.identification.records.resting import fitted, moving
 from truestroke.identification.records.series import first_known, series
 
 FS = 200.0
@@ -20,6 +21,10 @@ def stack(share, before=BEFORE, unit=1.0, hysteresis=foreign.stop_elements):
     way = np.linspace(before[-1], share[0], 50) if len(before) else ()
     y = hysteresis(np.concatenate([before, way, share]), rng)[-share.size :]
     return 3.6 * share, unit * (20 * y + 0.005 * rng.standard_normal(share.size)), FS
+
+
+def bouc_wen(v, _):
+    return foreign.bouc_wen(v)
 
 
 def wave(seconds=10.0, seed=3):
@@ -59,6 +64,60 @@ def test_rest_before_the_motion_does_not_spoil_the_fit(unit, seconds):
     assert found.held_out.rmse_percent < 0.5  # fitted from a tenth of the record on: 1.5 %
 
 
+# ---- Long rests ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize(
+    ("pieces", "share"),
+    [
+        ([3.0, -7.0], 0.7),
+        ([4.0, -2.5, 1.0, -2.5], 0.5),  # each a quarter of the record
+        ([4.0, -5.0, 1.0], 0.5),
+        ([4.0, -1.2, 4.0], 0.0),
+    ],
+    ids=["behind", "twice", "middle", "short"],
+)
+def test_a_long_rest_is_found_wherever_it_is(pieces, share, noise):
+    x = np.concatenate([wave(2 * p, seed=k) if p > 0 else rest(0.3, -2 * p) for k, p in enumerate(pieces)])
+    x += noise * np.random.Generator(np.random.PCG64(1)).standard_normal(x.size)
+    still = ~moving(x)
+    assert still.mean() == pytest.approx(share, abs=0.02)
+    rests = min(share, 0.1 * (1 - share) * (pieces.count(-2.5) or 1))
+    assert fitted(x).mean() == pytest.approx(1 - share + rests, abs=0.02)
+
+
+def test_holds_of_a_staircase_are_no_rests():
+    assert moving(np.repeat(wave(10.0)[:: round(FS)], 200)).all()
+
+
+def test_a_voltage_that_mostly_rests_is_not_at_few_levels():
+    x = np.concatenate([wave(10.0), rest(0.0, 190.0)])
+    assert examine(Record.from_arrays(x, 10 * x, sample_rate=FS)).volts_visited_percent > 90
+
+
+def test_a_rest_behind_the_motion_neither_hides_its_error_nor_spoils_the_fit():
+    moved = wave(6.0, seed=4)
+    volts, z, _ = stack(np.concatenate([moved, rest(moved[-1], 14.0), wave(8.0, seed=44)]), hysteresis=bouc_wen)
+    known = slice(0, round(20.0 * FS))
+    found = identify((volts[known], z[known], FS))
+    after = (z - found.model.forward(volts, FS))[known.stop :]
+    assert found.held_out.samples == pytest.approx(0.4 * moved.size, abs=20)  # all of them at rest: 0.03 %
+    assert found.held_out.rmse_percent > 0.1
+    assert np.std(after) < 0.007 * np.ptp(z)  # with all of the rest in the fit: 1.8 %
+
+
+def test_a_rest_does_not_make_a_score_better():
+    moved = wave(10.0)
+    volts, z, _ = stack(moved)
+    model = identify((volts, z, FS), modes=False, branches=False, drift=False).model
+    errors = [
+        score(model, (volts, 1.02 * z, FS), offset=0.0).rmse_um
+        for volts, z in ((volts, z), (np.append(volts, rest(volts[-1], 90.0)), np.append(z, rest(z[-1], 90.0))))
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=0.02)
+
+
 # ---- Rest at the start -----------------------------------------------------------------------------------------------
 
 RAMPED = wave() * np.minimum(1.0, foreign.clock(10.0, FS) / 0.3)
@@ -72,14 +131,14 @@ def taken_for_rest(record):
     return over_motion(data, guess, uncertainty.white_variance(data.displacement - guess)) < 1
 
 
-@pytest.mark.parametrize("hysteresis", [foreign.stop_elements, lambda v, _: foreign.bouc_wen(v)])
+@pytest.mark.parametrize("hysteresis", [foreign.stop_elements, bouc_wen])
 @pytest.mark.parametrize("share", [RAMPED, TRIANGLES, np.concatenate([rest(0.0, 1.0), TRIANGLES])])
 def test_an_actuator_that_has_not_moved_is_at_rest(hysteresis, share):
     assert taken_for_rest(stack(share, (), hysteresis=hysteresis))
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3])
-@pytest.mark.parametrize("hysteresis", [foreign.stop_elements, lambda v, _: foreign.bouc_wen(v)])
+@pytest.mark.parametrize("hysteresis", [foreign.stop_elements, bouc_wen])
 def test_0_volts_after_motion_is_no_rest(hysteresis, unit):
     assert not taken_for_rest(stack(TRIANGLES, hysteresis=hysteresis, unit=unit))
     assert not taken_for_rest(stack(np.concatenate([rest(0.0, 1.0), TRIANGLES]), hysteresis=hysteresis, unit=unit))

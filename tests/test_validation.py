@@ -101,6 +101,17 @@ def test_strokes_that_grow_beyond_the_fitted_ones_are_the_reason() -> None:
     assert any("its strokes are up to" in reason and "Record strokes of all lengths" in reason for reason in reasons)
 
 
+@pytest.mark.parametrize(("fades", "tested"), [(True, 0.1), (False, 1.0)])
+def test_motion_that_fades_does_not_test_long_strokes(fades: bool, tested: float) -> None:
+    x = X * np.exp(-T / 5.0) if fades else X
+    trace = Trace(T, x, x + NOISE, T >= 0.0, RATE, "", (), x, 0 * x + 1, T >= 12.0)
+    findings = examine(Record.from_arrays(x, x + NOISE, sample_rate=RATE))
+    found = evidence(trace, (T, NOISE), np.array([1.0, 0.1]), findings)
+    assert found.strokes_tested == pytest.approx(tested, abs=0.25)
+    reasons = verdict(found, HeldOut(0.01, 0.03, 0.03, 0.1, 8000, 0.95), findings).reasons
+    assert any("the error of long ones is untested" in reason for reason in reasons) == fades
+
+
 @pytest.mark.parametrize(("beyond", "left", "level"), [(0.6, 0.2, "doubtful"), (0.6, 3.0, "bad"), (0.0, 0.2, "bad")])
 def test_an_error_beyond_the_fitted_range_is_no_verdict_on_a_model_that_fits_all(
     beyond: float, left: float, level: str

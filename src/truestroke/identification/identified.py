@@ -25,10 +25,9 @@ from truestroke.identification.held_out import validation
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence
 from truestroke.identification.records.record import Record, as_record
-from truestroke.identification.records.series import STILL, Series, series
+from truestroke.identification.records.resting import fitted, moving
+from truestroke.identification.records.series import Series, series
 from truestroke.signals.recording import Recording
-
-RESTED = 0.25  # of the record, at its beginning: less leaves enough motion to both parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +128,8 @@ def identify(
         or states of Duhem are added where later parts of the record are predicted much better with them, unless
         `thresholds` are given; `ActuatorModel.plain` has none.
     held_out : float
-        Share of the record at its end that is held out, above 0, at most 0.5; behind a rest that is longer than a
-        quarter of the record, of what follows.
+        Share of the record at its end that is held out, above 0, at most 0.5; of its motion, where the voltage rests
+        for long (`resting.moving`).
     findings : Findings, optional
         Of `examine` for this record, if it was examined before.
 
@@ -155,7 +154,8 @@ def identify(
     if findings is not None:
         checks.instance("findings", findings, Findings, "those of truestroke.examine(record)")
     train, fs = _first_part(taken.volts, checks.within("held_out", held_out, 0.01, 0.5)), taken.sample_rate
-    _refuse_empty(taken, train)
+    to_fit = dataclasses.replace(taken, known=taken.known & fitted(taken.volts))
+    _refuse_empty(to_fit, train)
     longest = taken.volts.size / fs / 4
     known = None if delay is None else checks.within("delay", delay, 0.0, longest, "s")
     fixed = {
@@ -168,10 +168,10 @@ def identify(
         "branches": thresholds is None if branches is None else checks.flag("branches", branches),
     }
     with notebook.progress("identify") as shown:
-        part, *_ = fit_samples(taken, train, known, fixed, certain=False)
+        part, *_ = fit_samples(to_fit, train, known, fixed, certain=False)
         if shown:
             shown(1, 2)
-        final, tried, response = fit_samples(taken, taken.volts.size, known, fixed, before=part)
+        final, tried, response = fit_samples(to_fit, taken.volts.size, known, fixed, before=part)
     of_model = part.model.predict(taken.volts, fs)
     width = _half_width(part.model, taken, train, of_model)
     predicted = of_model + part.drift(taken.volts.size)
@@ -200,11 +200,9 @@ def _examined(record: Any, s: Series) -> Record:
 
 
 def _first_part(volts: FloatArray, share: float) -> int:
-    """How many rows are not held out: a long rest at the beginning has no motion to share."""
-    away = np.abs(volts - volts[0]) > STILL * np.ptp(volts)
-    rest = int(away.argmax())
-    rest = rest if rest > RESTED * volts.size else 0
-    return rest + round((1 - share) * (volts.size - rest))
+    """How many rows are not held out: motion is shared, and long rests go with the motion before them."""
+    moves = np.flatnonzero(moving(volts))
+    return int(moves[round((1 - share) * moves.size)])
 
 
 def _refuse_empty(s: Series, train: int) -> None:
@@ -222,7 +220,7 @@ def _refuse_empty(s: Series, train: int) -> None:
 
 
 def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
-    judged = trace.held_out & trace.known
+    judged = trace.judged
     error, stroke = trace.residual[judged], float(np.ptp(trace.displacement))
     coverage = float(np.mean(np.abs(error) <= trace.half_width[judged]))
     rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())

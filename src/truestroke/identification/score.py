@@ -21,13 +21,14 @@ from truestroke.control.spans import Beyond
 from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.held_out.trace import Trace
 from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, sizes
+from truestroke.identification.records import resting
 from truestroke.identification.records.series import first_known, series, settled
 from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise
 
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
-LATEST = 0.5  # of the record: until then its start ends where the voltage has been at all voltages
+LATEST = 0.5  # of the motion: until then its start ends where the voltage has been at all voltages
 MISSED = 0.02  # of the stroke: an error of the start that is a reason
 EXPLAINED = 0.5  # of the rmse remains beside what explains it, at most
 SCALED = 0.005  # by so much another gain differs, at least
@@ -123,14 +124,15 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     checks.instance("model", model, ActuatorModel, actuator.EXPECTED)
     s = from_step(series(record))
     swept = np.arange(s.volts.size) >= _start(s.volts)
-    judged, start = s.known & swept, s.known & ~swept
-    if not judged.any():
+    after, start = s.known & swept, s.known & ~swept
+    if not after.any():
         raise SettingError("record", "without a known sample after its start", "one whose displacement is known there")
     predicted = model.forward(s.volts, s.sample_rate)
     error = s.displacement - predicted
-    moved = float(np.median(error[judged])) if offset is None else checks.number("offset", offset, "um")
+    moved = float(np.median(error[after])) if offset is None else checks.number("offset", offset, "um")
     width = _half_width(model, s.volts, s.sample_rate, predicted, centred=offset is None)
     rest = error - moved
+    judged = resting.judged(s.volts, rest, after)
     numbers = {
         "offset_um": moved,
         "rmse_um": _rms(rest[judged]),
@@ -155,7 +157,9 @@ def _start(x: FloatArray) -> int:
     """First sample that is judged."""
     span = float(np.ptp(x))
     swept = settled(x, span)
-    return swept if swept < LATEST * x.size else first_known(x, span)
+    moves = resting.moving(x)
+    early = np.count_nonzero(moves[:swept]) < LATEST * np.count_nonzero(moves)
+    return swept if early else first_known(x, span)
 
 
 def _rms(error: FloatArray) -> float:
@@ -182,7 +186,7 @@ def _large(found: dict[str, float], noise_um: float) -> bool:
 
 def _explained(trace: Trace, rmse: float, fs: float, model: ActuatorModel) -> str:
     """In words what explains the error: another sample rate or gain, a shift in time, a drift; or empty."""
-    judged, predicted = trace.known & trace.held_out, trace.predicted
+    judged, predicted = trace.judged, trace.predicted
     causes = {
         "gain": predicted,
         "later": -np.gradient(predicted) * fs,
@@ -215,7 +219,7 @@ def _of_rate(trace: Trace, least: float, fs: float, model: ActuatorModel) -> str
     """
     from scipy.optimize import minimize_scalar
 
-    judged = trace.known & trace.held_out
+    judged = trace.judged
 
     def left(exponent: float) -> float:
         try:

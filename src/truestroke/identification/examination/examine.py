@@ -16,7 +16,9 @@ from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import GAP, Record, as_record
+from truestroke.identification.records.resting import moving
 from truestroke.identification.records.series import MOVES
+from truestroke.identification.records.shaken import shaken
 from truestroke.identification.records.turning import Rows
 from truestroke.signals.clipping import clipped
 from truestroke.signals.noise import noise
@@ -229,10 +231,10 @@ def _seldom_way(turns: FloatArray, rows: Rows) -> float:
 def _visited(x: FloatArray) -> tuple[float, tuple[float, float] | None]:
     """Share of `PARTS` of the span with more than `SELDOM` of the rows of an even motion, %; where these are, V.
 
-    The second where they lie side by side.
+    The second where they lie side by side. Long rests are no motion.
     """
-    rows, edges = np.histogram(x, PARTS)
-    places = np.flatnonzero(rows > SELDOM * x.size / PARTS)
+    rows, edges = np.histogram(x[moving(x)], PARTS, (float(x.min()), float(x.max())))
+    places = np.flatnonzero(rows > SELDOM * rows.sum() / PARTS)
     whole = float(edges[places[0]]), float(edges[places[-1] + 1])
     return 100 * places.size / PARTS, whole if places[-1] - places[0] + 1 == places.size else None
 
@@ -280,12 +282,15 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
             says.append(f"the {name} moves by {size:.3g} {unit}, unlikely for a piezo actuator: is its unit right?")
     if not 1e-3 <= abs(found.gain_um_per_v) <= 1e3 and not says:
         says.append(f"the gain is {found.gain_um_per_v:.3g} um/V, unlikely for a piezo actuator: are the units right?")
+    rings = shaken(record.volts, record.displacement)
+    if rings > 0:  # loop and correlation are those of the ringing
+        return says
     if found.loop_width_percent < -0.5:
         says.append("the displacement leads the voltage (its loop turns clockwise): are the columns swapped?")
     if abs(found.correlation) < 0.7 and not ringing(record):
         correlation = f"correlation {found.correlation:.2f}"
         says.append(f"voltage and displacement hardly move together ({correlation}): wrong column?")
-    elif found.gain_um_per_v < 0:
+    elif found.gain_um_per_v < 0 or rings < 0:
         says.append("the displacement falls as the voltage rises: turn its sign before fitting (`flip_displacement`)")
     return says
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from truestroke.base.display import figures
-from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.changes import jumped
 from truestroke.identification.examination.faults import faults
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
+from truestroke.identification.records.shaken import in_steps, shaken
 from truestroke.signals.noise import noise, rounding
 from truestroke.signals.tables import RecordError
 
@@ -29,8 +29,8 @@ LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLIEST = 0.25  # of a stroke: twice as far a displacement is looked for before steps
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
 SHIFTS = 21  # that are tried
-FEW, JUMPED = 50, 0.5  # one row in so many has so much of the voltage's travel: it moves in steps
 LATE = 0.25  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with a slow sensor by 0.2
+SOON = 0.5e-3  # s: amplifier, stage and sensor are late by less, however fast the strokes
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
 COARSE = 0.008  # of the stroke: noise, or rounding to 36 steps, beyond which no single reversal shows a lead
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
@@ -139,6 +139,8 @@ def _of_order(record: Record, found: Findings) -> Iterator[str]:
             "stroke, without loop, lag or noise: is it the command?"
         )
         return
+    if shaken(record.volts, record.displacement) > 0.0:  # loop, delay and correlation are those of the ringing
+        return
     if not _together(record, found, turns):
         if ringing(record) > 0.0:  # which `rare` asks about; loop and delay are those of the ringing
             return
@@ -224,7 +226,7 @@ def ringing(record: Record) -> float:
 def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
     """By what the displacement is seen to come first; empty where it does not."""
     stroke, rows = float(np.median(np.diff(turns))), _rows(found)
-    if _in_steps(record.volts):  # turns are somewhere in a hold, loops not closed, and rates agree a step later, too
+    if in_steps(record.volts):  # turns are somewhere in a hold, loops not closed, and rates agree a step later, too
         ahead = -_best_shift(record, -EARLIEST * stroke)
         return _by(found, ahead) if ahead > max(EARLY * stroke, EARLY_ROWS) else ""
     if found.loop_width_percent < LEADS:
@@ -240,12 +242,6 @@ def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
     return ""
 
 
-def _in_steps(x: FloatArray) -> bool:
-    """Whether the voltage moves in few rows."""
-    moved = np.sort(np.abs(np.diff(x)))
-    return bool(moved[-max(1, moved.size // FEW) :].sum() > JUMPED * moved.sum())
-
-
 def _by(found: Findings, rows: float) -> str:
     return f"by {figures(rows)} rows, {1e3 * rows / found.sample_rate_hz:.3g} ms"
 
@@ -253,7 +249,7 @@ def _by(found: Findings, rows: float) -> str:
 def _late(record: Record, found: Findings, turns: turning.Rows) -> str:
     """By what the displacement follows too late; empty where it does not."""
     stroke, lag = float(np.median(np.diff(turns))), _rows(found)["lag"]
-    least = max(LATE * stroke, 2 * EARLY_ROWS)
+    least = max(LATE * stroke, 2 * EARLY_ROWS, SOON * found.sample_rate_hz)
     if lag <= least or _best_shift(record, lag) <= least:  # the rates of a stage that rings agree a period later, too
         return ""
     return f"{1e3 * lag / found.sample_rate_hz:.4g} ms, {100 * lag / stroke:.0f} % of a stroke"

@@ -32,8 +32,8 @@ def predictable(trace: Trace) -> float:
     the error.
     """
     every = -(-trace.time.size // ROWS)
-    error, known, held_out = trace.residual[::every], trace.known[::every], trace.held_out[::every]
-    rows, test = np.flatnonzero(known & ~held_out), np.flatnonzero(known & held_out)
+    error, fitted = trace.residual[::every], trace.known & ~trace.held_out
+    rows, test = np.flatnonzero(fitted[::every]), np.flatnonzero(trace.judged[::every])
     rows = rows[rows >= SETTLED * error.size]
     cut = round(FITTED * rows.size)
     square = float(np.mean(error[test] ** 2)) if test.size else 0.0

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
+from truestroke.identification.records import resting
 from truestroke.identification.records.series import Series
 
 
@@ -47,7 +48,7 @@ class Trace(Series):
     half_width : ndarray, shape (samples,)
         Of the 95 % interval about it, um, as `ActuatorModel.interval` has it; the drift is in `predicted`.
     held_out : ndarray of bool, shape (samples,)
-        The last part, not used for that model; the errors of `HeldOut` are those of its known samples.
+        The last part, not used for that model; the errors of `HeldOut` are those of its samples that are `judged`.
     """
 
     predicted: FloatArray
@@ -58,3 +59,8 @@ class Trace(Series):
     def residual(self) -> FloatArray:
         """displacement - predicted, um, shape (samples,)."""
         return self.displacement - self.predicted
+
+    @property
+    def judged(self) -> npt.NDArray[np.bool_]:
+        """Known samples of the held-out part, of long rests only where the error is larger, shape (samples,)."""
+        return resting.judged(self.volts, self.residual, self.known & self.held_out)

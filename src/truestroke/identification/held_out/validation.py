@@ -42,6 +42,7 @@ BEATEN = (
 )  # of its mean square, by a black box: a reason, and a model with half the error, which none is good beside
 SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where it hides the others
 LONG_STROKES = 90.0  # per cent of the strokes are shorter than those that are compared
+TESTED = 0.5  # of the length of the record's strokes, in the held-out part: below, long ones are not tested
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
 FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
@@ -87,6 +88,8 @@ class Evidence:
         By how much the residual of the fit jumps at once, um, and the time from which on; 0 where it does not.
     residual_percent : float
         Rms residual of the fit to the whole record, % of peak-to-peak.
+    strokes_tested : float
+        The length that a tenth of the strokes have in the held-out part, over that in the record: 0 where it rests.
     range_beyond, speed_beyond, strokes_beyond : float
         By which share of those of the fitted part the held-out part exceeds range and speed of the voltage, and the
         length that a tenth of its strokes have.
@@ -109,6 +112,7 @@ class Evidence:
     jump_um: float
     jump_s: float
     residual_percent: float
+    strokes_tested: float
     range_beyond: float
     speed_beyond: float
     strokes_beyond: float
@@ -122,7 +126,7 @@ def evidence(
 ) -> Evidence:
     """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um."""
     times, residual = fit
-    fitted, tested = trace.known & ~trace.held_out, trace.known & trace.held_out
+    fitted, tested = trace.known & ~trace.held_out, trace.judged
     settled = fitted & (trace.time - trace.time[0] >= min(findings.states_known_s, 0.25 * np.ptp(trace.time)))
     error = _rms(trace.residual[tested])
     line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
@@ -144,6 +148,7 @@ def evidence(
         jump_um=0.0 if jumped is None else jumped.size,
         jump_s=0.0 if jumped is None else float(times[jumped.row]),
         residual_percent=100 * _rms(residual) / float(np.ptp(trace.displacement)),
+        strokes_tested=_over(_long(trace.volts[tested]), _long(trace.volts[trace.known])),
         **_beyond(trace, fitted, tested),
     )
 
@@ -254,6 +259,7 @@ def verdict(
         *(() if response is None else _of_dead_time(response, findings)),
         *(() if dynamics is None else _of_modes(dynamics, findings)),
         *_of_residual(found, held_out, findings),
+        *_of_tested(found),
         *(_OF_ANOTHER if part_branches and not branches else ()),
         *_of_excitation(findings, branches),
     ])  # fmt: skip
@@ -409,7 +415,7 @@ def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iter
 
 def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:
     """Autocorrelation of the residual at all lags."""
-    stroke = findings.duration_s / max(findings.strokes, 1)
+    stroke = findings.rows / findings.sample_rate_hz / max(findings.strokes, 1)  # without gaps
     if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
         yield (
             "doubtful",
@@ -431,6 +437,16 @@ def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, 
 
 def _seconds(value: float) -> str:
     return f"{1e3 * value:.3g} ms" if value < 1 else f"{value:.3g} s"
+
+
+def _of_tested(found: Evidence) -> Iterator[tuple[Level, str]]:
+    """Motion that fades: what the held-out part hardly has."""
+    if found.strokes_tested < TESTED:
+        yield (
+            "doubtful",
+            f"The strokes of the held-out part are {100 * found.strokes_tested:.0f} % as long as those of the record: "
+            "the error of long ones is untested. Record long ones to the end, as of a random wave.",
+        )
 
 
 def _matters(findings: Findings, branches: bool) -> bool:

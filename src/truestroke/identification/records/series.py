@@ -13,6 +13,8 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import FEWEST_ROWS
+from truestroke.identification.records.resting import STILL
+from truestroke.identification.records.shaken import shaken
 from truestroke.signals.channels import Signals
 from truestroke.signals.clipping import clipped
 from truestroke.signals.quiet import noise_not_followed, without_noise
@@ -21,7 +23,6 @@ SAMPLES = 500_000  # of the record at most: longer ones are replaced by means ov
 REGULAR = 0.02  # of the interval: how far time stamps may be off, beyond the rounding of their digits
 SWEPT = 0.96  # of the voltage range: when it has been swept, the plays do not remember what was before
 UNSWEPT = 0.6  # over the motion that remains: what it is worth to know all states of the plays
-STILL = 0.025  # of the voltage range: steps back and forth that are smaller are no motion
 MOVES = 0.05  # of its span: how far the other signal moves while one is clipped
 RING_SHARE, RING_TURNS = 0.25, 6  # of its range, and turns of so much, with both ends: more is a stage that rings
 BRIDGED = 0.2  # of a stroke's duration: a hole that is shorter hides no reversal
@@ -116,7 +117,8 @@ def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
     for name, value, unit in (("volts", x, "V"), ("displacement", z, "um")):
         if np.ptp(value) <= 1e-12 * np.abs(value).max():
             raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
-    if (x - x.mean()) @ (z - z.mean()) <= 0:
+    rings = shaken(x, z)
+    if rings < 0 or (rings == 0 and (x - x.mean()) @ (z - z.mean()) <= 0):
         bound = "one that rises (`flip_displacement` turns its sign)"
         raise SettingError("displacement", "falls where volts rises", bound)
 

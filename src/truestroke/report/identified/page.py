@@ -259,6 +259,7 @@ def _evidence(identified: Identified) -> Table:
             "jump of the residual of the fit",
             f"{length(abs(found.jump_um))} at {found.jump_s:.4g} s" if found.jump_um else "none",
         ),
+        ("length of held-out strokes, of that in the record", f"{100 * found.strokes_tested:.0f} %"),
         ("held-out motion beyond the fitted one", beyond),
         ("the record tests the model from", tested_range(identified.model)),
     ]

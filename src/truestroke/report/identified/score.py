@@ -74,7 +74,7 @@ def score_page(found: Score, model: ActuatorModel, model_file: str | Path = "", 
         ("95 % interval of another day", interval(found)),
         *voltage(found),
         *(("beyond the record of the model", words) for words in found.beyond.warnings),
-        ("samples judged", f"{np.count_nonzero(found.trace.held_out & found.trace.known):,}"),
+        ("samples judged", f"{np.count_nonzero(found.trace.judged):,}"),
         ("residual of the model's own record", length(model.noise)),
         ("model", f"{model_file}, of {model.provenance.get('source') or 'a record without a name'}"),
     ]
@@ -103,7 +103,7 @@ def plots(found: Score, model: ActuatorModel, theme: Theme = LIGHT) -> dict[str,
 
 def _view(found: Score, model: ActuatorModel) -> View:
     trace = found.trace
-    judged = trace.held_out & trace.known
+    judged = trace.judged
     line = np.polyfit(trace.volts[judged], trace.displacement[judged], 1)
     return View(
         **vars(trace),

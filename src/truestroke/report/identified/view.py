@@ -62,7 +62,7 @@ class View(Trace):
             line_error=np.where(trace.known, trace.displacement - np.polyval(line, trace.volts), np.nan),
             rate=central_difference(trace.predicted, found.model.metrics["record_sample_rate_hz"]),
             first=int(np.argmax(trace.held_out)),
-            tested=trace.held_out & trace.known,
+            tested=trace.judged,
         )
 
     def loops(self) -> Rows:
