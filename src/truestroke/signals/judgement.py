@@ -191,6 +191,12 @@ class _Run:
         return max(measured, self.metrics.true_rmse_um or 0.0)
 
     @cached_property
+    def jumps(self) -> npt.NDArray[np.int64]:
+        """Ticks before which the desired position jumps as no actuator can."""
+        steps = np.abs(np.diff(self.recording["desired"]))
+        return np.flatnonzero(steps > max(2 * self.tolerable, JUMPS * _rms(steps))) + 1
+
+    @cached_property
     def at_an_end(self) -> Finding | None:
         """Made once, too."""
         return _sensor_at_an_end(self)
@@ -210,6 +216,12 @@ class _Run:
     def counted(self) -> FloatArray:
         """Share of the ticks in the same windows whose errors count: none in the lead-in of a scan."""
         return self._rms_of_windows(np.isfinite(self.error).astype(float)) ** 2
+
+    def smooth(self) -> npt.NDArray[np.bool_]:
+        """Which of the same windows have no jump of the desired position."""
+        jumped = np.zeros(self.metrics.ticks)
+        jumped[self.jumps] = 1.0
+        return np.asarray(self._rms_of_windows(jumped) == 0.0)
 
     def speeds(self) -> FloatArray:
         """Rms of the desired velocity in the same windows, um/s."""
@@ -552,8 +564,7 @@ def _comparable(run: _Run) -> npt.NDArray[np.bool_]:
     speeds = run.speeds()
     followed = np.flatnonzero((run.windows() <= run.tolerable) & (speeds >= MOVES * speeds.max()))
     counted = np.arange(ticks) >= (ticks % window + window * (followed[0] + 1) if followed.size else ticks)
-    steps = np.abs(np.diff(run.recording["desired"]))
-    jumps = np.flatnonzero(steps > max(2 * run.tolerable, JUMPS * _rms(steps))).tolist()
+    jumps = run.jumps.tolist()
     if change := change_time(run.recording):
         jumps.append(round(change / run.metrics.duration_s * ticks))
     for jump in jumps:
@@ -602,8 +613,13 @@ def _grew(run: _Run) -> Finding | None:
     quarter = windows.size // 4
     if quarter < 2:
         return None
-    errors, fast, shares = (x[-4 * quarter :].reshape(4, quarter) for x in (windows, run.speeds(), run.counted()))
-    parts, speeds, counted = np.median(errors, axis=1), np.median(fast, axis=1), np.min(shares, axis=1)
+    errors, fast, shares, smooth = (
+        x[-4 * quarter :].reshape(4, quarter) for x in (windows, run.speeds(), run.counted(), run.smooth())
+    )
+    if not smooth.any(axis=1).all():  # as of a square wave, which jumps in each window
+        smooth = np.ones_like(smooth)
+    parts, speeds = (np.array([np.median(x[kept]) for x, kept in zip(y, smooth, strict=True)]) for y in (errors, fast))
+    counted = np.min(shares, axis=1)
     same = (speeds[:3] * AS_FAST >= speeds[3]) & (counted[:3] >= AS_MANY * counted[3])
     before = float(parts[:3][same].min()) if same.any() else float(parts[3])
     if parts[3] <= max(GREW * before, MATTERS * run.tolerable):
