@@ -55,6 +55,18 @@ def test_a_fault_is_named_and_refused(kind: str, scale: float) -> None:
         refuse(found)
 
 
+@pytest.mark.parametrize("bits", [8, 10])
+@pytest.mark.parametrize("resonance", [20.0, 60.0, 200.0])
+def test_a_coarse_sensor_at_rest_between_steps_has_not_stopped(resonance: float, bits: int) -> None:
+    """The stage answers some rows after the step, of which a converter shows one value."""
+    steps = np.repeat(np.random.Generator(np.random.PCG64(1)).random(20), 400)
+    z = 20 * foreign_records.resonance(steps, 2000.0, resonance, 0.2)
+    z = np.round(z * 2**bits / 30) * 30 / 2**bits
+    assert not [text for text in faults(Record.from_arrays(100 * steps, z, sample_rate=2000.0)) if "stopped" in text]
+    z[3000:] = z[3000]
+    assert any("stopped" in text for text in faults(Record.from_arrays(100 * steps, z, sample_rate=2000.0)))
+
+
 @pytest.mark.parametrize("fringe", [0.3164, 0.0])
 def test_fringes_that_an_interferometer_loses_are_found_in_a_small_part_of_the_stroke(fringe: float) -> None:
     rng = np.random.Generator(np.random.PCG64(2))

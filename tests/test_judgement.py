@@ -252,7 +252,7 @@ def test_a_jump_of_the_motion_is_no_burst():
 @pytest.mark.parametrize("held", [500, 1000, 1300, 2000])
 def test_the_error_of_a_staircase_does_not_grow_where_steps_fall_into_other_windows(held):
     steps = np.repeat([0.0, 5.0, 1.0, 6.0, 3.0, 4.0, 2.0, 5.0], held)
-    followed = np.convolve(np.pad(steps, (1, 0)), [0.8, 0.2])[1 : 1 + steps.size]
+    followed = np.convolve(np.pad(steps, (1, 0)), [0.6, 0.4])[1 : 1 + steps.size]
     assert "grew" not in judged(made(noisy(followed), steps))[1]
     worse = noisy(followed) + 0.05 * np.linspace(0, 1, steps.size) ** 4 * np.sin(np.arange(steps.size))
     assert ("grew" in judged(made(worse, steps))[1]) == (held > 500)

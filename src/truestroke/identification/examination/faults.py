@@ -24,7 +24,7 @@ BESIDE = 2  # rows on either side
 BEFORE_S, BEFORE_ROWS = 0.2, 2000  # before a jump: a step of the voltage in there explains it
 EXPLAINS = 0.2  # of the jump, both over their spans: a step of the voltage that is larger
 LISTED = 100  # jumps, and stops, that are looked at
-FEWEST = 20  # rows of a stop
+FEWEST, AFTER = 20, 10  # rows of a stop, and after the voltage has moved so far: an actuator answers sooner
 BLOCK = 100_000  # rows at a time
 REPEATS = 0.9  # of the changes: so many are the same number of rows apart
 UNLIKE = 3.0  # the large changes over the small ones: those of a coarse converter are alike
@@ -68,11 +68,12 @@ def _of_stops(record: Record) -> Iterator[str]:
     rows = np.diff(np.append(starts, z.size - 1)) + 1
     still = np.flatnonzero(stays[starts] & (z[starts] > z.min()) & (z[starts] < z.max()) & (rows >= FEWEST))
     for run in still[np.argsort(-rows[still], kind="stable")][:LISTED]:
-        start, moved = int(starts[run]), float(np.ptp(x[starts[run] : starts[run] + rows[run]]))
+        start, volts = int(starts[run]), x[starts[run] : starts[run] + rows[run]]
+        moved = float(np.ptp(volts[: rows[run] - AFTER]))
         if moved > STOPPED * np.ptp(x):
             yield (
                 f"the displacement stays at {z[start]:.6g} um in {rows[run]} rows from {_at(record, start)} on, while "
-                f"the voltage moves by {moved:.3g} V: the sensor had stopped; leave these rows out"
+                f"the voltage moves by {np.ptp(volts):.3g} V: the sensor had stopped; leave these rows out"
             )
             return
 
