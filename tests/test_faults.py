@@ -63,8 +63,21 @@ def test_a_coarse_sensor_at_rest_between_steps_has_not_stopped(resonance: float,
     z = 20 * foreign_records.resonance(steps, 2000.0, resonance, 0.2)
     z = np.round(z * 2**bits / 30) * 30 / 2**bits
     assert not [text for text in faults(Record.from_arrays(100 * steps, z, sample_rate=2000.0)) if "stopped" in text]
+    assert not [
+        text for text in examine(Record.from_arrays(100 * steps, z, sample_rate=2000.0)).implausible if "line" in text
+    ]
     z[3000:] = z[3000]
     assert any("stopped" in text for text in faults(Record.from_arrays(100 * steps, z, sample_rate=2000.0)))
+
+
+@pytest.mark.parametrize(("damping", "bits", "sigma"), [(0.005, 10, 0.0002), (0.005, 8, 0.0), (0.1, 12, 0.002)])
+def test_a_ringing_that_dies_away_between_steps_is_no_line(damping: float, bits: int, sigma: float) -> None:
+    random = np.random.Generator(np.random.PCG64(1))
+    steps = np.repeat(random.random(40), 200)
+    z = 20 * foreign_records.resonance(steps, 2000.0, 200.0, damping) + sigma * random.standard_normal(steps.size)
+    z = np.round(z * 2**bits / 30) * 30 / 2**bits
+    found = examine(Record.from_arrays(100 * steps, z, sample_rate=2000.0))
+    assert not [text for text in found.implausible if "line" in text]
 
 
 @pytest.mark.parametrize("fringe", [0.3164, 0.0])

@@ -107,20 +107,26 @@ def _step(signal: FloatArray) -> float:
 
 
 def _of_lines(record: Record, step: float) -> Iterator[str]:
-    """A displacement with noise does not run on a line or stay: holes were filled, or the rows multiplied."""
+    """A displacement with noise does not run on a line or stay: holes were filled, or the rows multiplied.
+
+    While the voltage rests it may: between the steps of a staircase, what seems to be noise is the ringing behind them.
+    """
     z, bends = record.displacement, np.abs(np.diff(record.displacement, 2))
+    moves = record.volts[2:] != record.volts[:-2]
     noisy = float(np.percentile(bends, 90)) / (1.645 * math.sqrt(6.0)) / step  # of rows that were measured
     if noisy < DRAWN_FROM:
         return
     by_chance = 0.82 / noisy  # that a second difference of normal noise is within two steps
     least = max(STRAIGHT, math.ceil(math.log(z.size / CHANCE) / -math.log(by_chance)))
     flat = bends <= 2.01 * step
-    flats = runs(flat)
+    flats = runs(flat & moves)
     inside = (z[flats[:, 0]] > z.min()) & (z[flats[:, 0]] < z.max())  # at the ends of the range it is clipped
     filled = flats[inside & (flats[:, 1] - flats[:, 0] >= least)]
-    if flat.mean() > max(DRAWN, 2 * by_chance):
+    drawn = float(flat[moves].mean()) if moves.mean() > DRAWN else 0.0
+    if drawn > max(DRAWN, 2 * by_chance):
+        rows = round(1 / max(1 - drawn, 1 / z.size))
         yield (
-            f"the displacement is on straight lines of {round(1 / (1 - float(flat.mean())))} rows each: were rows put "
+            f"the displacement is on straight lines of {rows} rows each: were rows put "
             "between those that were measured? Record at the rate of the sensor, or leave them out"
         )
     elif len(filled) >= FEWEST_FILLED:
