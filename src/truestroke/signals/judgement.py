@@ -564,12 +564,13 @@ def _comparable(run: _Run) -> npt.NDArray[np.bool_]:
     speeds = run.speeds()
     followed = np.flatnonzero((run.windows() <= run.tolerable) & (speeds >= MOVES * speeds.max()))
     counted = np.arange(ticks) >= (ticks % window + window * (followed[0] + 1) if followed.size else ticks)
-    jumps = run.jumps.tolist()
-    if change := change_time(run.recording):
-        jumps.append(round(change / run.metrics.duration_s * ticks))
-    for jump in jumps:
-        counted[max(jump - window, 0) : jump + window] = False
-    return counted
+    change = change_time(run.recording)
+    known = [] if change is None else [min(round(change / run.metrics.duration_s * ticks), ticks)]
+    jumps = np.append(run.jumps, known).astype(np.int64)
+    near = np.zeros(ticks + 1, dtype=np.int64)  # begins and ends of what is left out
+    np.add.at(near, np.maximum(jumps - window, 0), 1)
+    np.add.at(near, np.minimum(jumps + window, ticks), -1)
+    return np.asarray(counted & (np.cumsum(near[:-1]) == 0))
 
 
 def _beyond_resonance(run: _Run) -> Finding | None:
