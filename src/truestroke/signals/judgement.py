@@ -567,7 +567,7 @@ def _comparable(run: _Run) -> npt.NDArray[np.bool_]:
     change = change_time(run.recording)
     known = [] if change is None else [min(round(change / run.metrics.duration_s * ticks), ticks)]
     jumps = np.append(run.jumps, known).astype(np.int64)
-    near = np.zeros(ticks + 1, dtype=np.int64)  # begins and ends of what is left out
+    near = np.zeros(ticks + 1, dtype=np.int64)  # how many jumps begin, less those that end
     np.add.at(near, np.maximum(jumps - window, 0), 1)
     np.add.at(near, np.minimum(jumps + window, ticks), -1)
     return np.asarray(counted & (np.cumsum(near[:-1]) == 0))
