@@ -229,7 +229,10 @@ class _Run:
 
     def _rms_of_windows(self, values: FloatArray, length: int | None = None) -> FloatArray:
         length = length or self.ticks_in(WINDOW)
-        return np.array([_rms(block) for block in values[values.size % length :].reshape(-1, length)])
+        blocks = values[values.size % length :].reshape(-1, length)
+        known = np.isfinite(blocks)
+        squares = np.where(known, blocks, 0.0) ** 2
+        return np.asarray(np.sqrt(squares.sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
 
 
 def _ending(run: _Run) -> Finding | None:
@@ -547,7 +550,7 @@ def _burst(run: _Run) -> Finding | None:
     length = max(run.ticks_in(BURST), min(FEWEST, run.ticks_in(WINDOW)))
     errors, end = run.windows(length), run.metrics.ticks
     begins = np.arange(end - errors.size * length, end, length)
-    errors = np.where(_comparable(run)[begins], errors, 0.0)
+    errors[~_comparable(run)[begins]] = 0.0
     worst = int(np.argmax(errors))
     if errors[worst] <= 2 * run.tolerable:
         return None
