@@ -15,10 +15,11 @@ from scipy import signal
 
 from truestroke import AdaptiveController, ControllerSettings, run
 from truestroke.control import resonance
+from truestroke.control.angles import arctangent, tangent
 from truestroke.control.reference import ReferenceController
 from truestroke.control.reference.adapt import DRIVES
 from truestroke.control.reference.found import damping
-from truestroke.control.resonance import SHOWN, ResonanceEstimator, arctangent, shown, tangent
+from truestroke.control.resonance import SHOWN, ResonanceEstimator, shown
 from truestroke.control.stage import Stage, found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings

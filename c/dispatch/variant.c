@@ -7,6 +7,7 @@
 #include "../src/kalman.c"
 #include "../src/oscillation.c"
 #include "../src/guard.c"
+#include "../src/tone.c"
 #include "../src/resonance.c"
 #include "../src/check.c"
 #include "../src/terms.c"

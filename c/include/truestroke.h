@@ -207,6 +207,7 @@ typedef struct {
     ts_real Pu[TS_PADDED(TS_MAX_LEARNED)];
     ts_real filter;                 /* per tick: the present coefficient of the two poles */
     ts_real disturbance;            /* um^2: of an innovation that is no error of the model: ringing */
+    ts_real load;                   /* um^2: the same, of a load from outside */
     ts_real caution;                /* um^2: the same after learning has failed: see ts_guard */
     ts_real variance;               /* of the innovation of the last update, um^2 */
     ts_real sigma, ringing;         /* noise: um, um^2 */
@@ -234,6 +235,9 @@ TS_API void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m);
 TS_API void ts_kalman_renew(ts_kalman *k, const ts_real *d, int ticks, int m);
 /* P is made now, if it waits for the next tick: for those who read it before. */
 TS_API void ts_kalman_complete(ts_kalman *k, ts_prior P0, int m);
+
+/* A sine of this amplitude (um) and frequency (cycles per tick) as noise of the law, um^2: its variance behind the filter. */
+TS_API ts_real ts_kalman_noise_of_sine(const ts_kalman *k, ts_real amplitude, ts_real frequency);
 
 /* The filters start at 0, in place of the first regressor and measurement, unless they have started. */
 TS_API void ts_kalman_start_filters(ts_kalman *k, int m);
@@ -493,6 +497,35 @@ typedef struct {
     bool started, rings;
 } ts_ringing;
 
+/* ---- A steady tone in the error: a load from outside ------------------------------------------------------------------ */
+
+/* A stage that rings decays, and what the motion excites again and again is a harmonic of it. A tone that does neither comes from
+ * outside: a pump, the mains, another axis. Its amplitude and phase are followed in blocks of four periods of a frequency, each half a
+ * block after the last one, weighted as 1 - cos over a block. */
+typedef struct {
+    ts_real step[2], turn[2];         /* of a phasor that turns once in a block: in a tick, and now */
+    ts_real sum[2][2], before[2][2];  /* um: of blocks that go on; of the last two that ended, the newer first */
+    ts_real advance[2], product[2];   /* um^2: of blocks half a block, and a block, after each other */
+    ts_real power[2];                 /* um^2: squares of the later and the earlier of the latter */
+    ts_real rate, first, last;        /* um/s: desired, in the last tick; ticks: when it turned upwards */
+    int block, ticks, blocks;         /* ticks of a block, and of the one that goes on; blocks that have ended */
+    int passed, turns;                /* ticks, and turns upwards */
+} ts_tone;
+
+#define TS_OF_LOAD ((ts_real)0.35) /* of the frequency of a load: what is shown so near to it is the load */
+
+/* Anew, about this frequency, cycles per tick. */
+TS_API void ts_tone_begin(ts_tone *t, ts_real centre);
+
+/* One tick: measured less desired (um), desired rate (um/s). */
+TS_API void ts_tone_tick(ts_tone *t, ts_real error, ts_real zdot_d);
+
+/* The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none. */
+TS_API ts_real ts_tone_of_load(const ts_tone *t);
+
+/* Of what is about the frequency: its amplitude, um. */
+TS_API ts_real ts_tone_amplitude(const ts_tone *t);
+
 /* ---- The first resonance from what is measured anyway ---------------------------------------------------------------- */
 
 #define TS_SHOWN 7                    /* plays that stand for the hysteresis */
@@ -517,13 +550,16 @@ typedef struct {
     ts_real sum[TS_PACKED(TS_RESONANCE)]; /* of products, packed: plays, three derivatives of the measurement, and itself */
     ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
     ts_real error;                    /* um^2: sum of squares */
+    ts_real load, load_at;            /* um, cycles per tick: amplitude and frequency of a load; 0: none is seen */
     int settling, window, ticks;      /* of this window: before it counts, that count, so far */
     int windows, pointed;             /* that made it known; that pointed elsewhere since one did, or since the search began */
     bool strange, again;              /* the last one differed from what is known; the next search begins above */
+    ts_tone tone;
 } ts_resonance;
 
-/* Tangent of 0 to 1.3. */
+/* Tangent of 0 to 1.3; arctangent of a number above 0, 0 of one whose square overflows. */
 TS_API ts_real ts_tangent(ts_real x);
+TS_API ts_real ts_arctangent(ts_real x);
 
 /* Where the search ends, cycles per tick: 40 Hz, or twice the frequency of the motion. tick: s. */
 TS_API ts_real ts_resonance_lowest(const ts_resonance *r, ts_real tick);
@@ -536,6 +572,7 @@ typedef struct {
     ts_real range;                    /* um: of a motion that is followed well enough to lose by a stage that is wrong; or 0 */
     ts_real highest;                  /* cycles per tick: a resonance above it is not the first */
     ts_real burst;                    /* um^2: mean square of an error for which the estimate makes haste; 0: for none */
+    ts_real loudest;                  /* um^2: mean square of an error from which on a tone is no load */
     const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
 } ts_search;
 

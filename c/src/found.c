@@ -33,6 +33,8 @@
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
 #define STIFFEST ((ts_real)0.06)  /* cycles per tick: less of it above, where what is not known of the lag turns it further, */
 #define HIGHEST_DAMPED ((ts_real)0.25) /* and nothing from here on */
+#define LOUD ((ts_real)0.1)       /* of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it */
+#define LOAD_COUNTS ((ts_real)0.04) /* of a sine that decays: a load lasts, and little of it remains in the mean */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
 /* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
@@ -431,6 +433,13 @@ bool ts_is_identified(const ts_controller *c)
     return false;
 }
 
+/* Mean square of an error from which on a tone is no load, um^2. With a trim it may be one that the trim sustains. */
+static ts_real loudest_load(const ts_controller *c, ts_real range)
+{
+    if (c->settings->trim > 0) return 0;
+    return is_given(c) ? LOUD * LOUD * (range * range) : TS_LARGEST * TS_LARGEST;
+}
+
 /* One tick of the estimate: the plays of a tick before the measurement, which is about its dead time. */
 void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_motion *d, bool staged)
 {
@@ -439,6 +448,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     ts_real x[TS_SHOWN + 1], now[TS_SHOWN], expected[TS_SHOWN];
     if (is_given(c) && !(c->guard.error > DOUBT)) { /* no reason to look for another */
         r->ticks = 0;
+        c->law.kalman.load = 0;
         return;
     }
     for (int i = 0; i < TS_SHOWN; i++) now[i] = c->lagged.play[(i * (s->plays - 1) + (TS_SHOWN - 1) / 2) / (TS_SHOWN - 1)];
@@ -452,10 +462,12 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
         .range = good ? whole : 0,
         .highest = highest_first(c, staged),
         .burst = staged ? 0 : burst_of(c),
+        .loudest = loudest_load(c, whole),
         .expected = ends && expected_of_plays(c, expected) ? expected : NULL,
     };
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, &search);
     c->rate = d->zdot_d;
+    if (r->ticks == 0) c->law.kalman.load = r->load > 0 ? LOAD_COUNTS * ts_kalman_noise_of_sine(&c->law.kalman, r->load, r->load_at) : 0;
     bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && !ts_is_identified(c) && may_have_stage(c);
     if (!assumes && (!known || !matters(c))) return;
     c->stage.resonance = assumes ? s->resonance : r->known;

@@ -194,6 +194,13 @@ static void pass_filter(ts_kalman *k, ts_real pole, const ts_real *u, ts_real y,
     k->y += pole * (k->y1 - k->y);
 }
 
+/* Over the ticks of half a half-wave, times four because it is not white. */
+ts_real ts_kalman_noise_of_sine(const ts_kalman *k, ts_real amplitude, ts_real frequency)
+{
+    ts_real w = 2 * TS_PI * frequency * (1 - k->filter) / k->filter, left = amplitude / (1 + w * w);
+    return left * left / (2 * frequency);
+}
+
 /* Noise from the second difference of the innovation, d = e(k) - 2 e(k-1) + e(k-2), whose variance is 6 sigma^2 and
  * whose mean magnitude is 1.9544 sigma: slowly and robustly (sigma), and quickly, so that ringing counts (ringing). */
 static void follow_noise(ts_kalman *k, const ts_kalman_settings *s, ts_real innovation, bool measured)
@@ -386,7 +393,7 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
         restart(k->P, P0, m);
         return false;
     }
-    ts_real floor = s->model_error * s->model_error + k->disturbance + k->caution, quiet = k->sigma * k->sigma;
+    ts_real floor = s->model_error * s->model_error + k->disturbance + k->load + k->caution, quiet = k->sigma * k->sigma;
     ts_real noise = k->ringing / 2 > quiet ? k->ringing / 2 : quiet;
     ts_real expected = explained + (quiet + floor) / 2; /* every second tick is used: each stands for two */
     if (!(expected > 0)) return false;

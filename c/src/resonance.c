@@ -35,6 +35,7 @@
 #define MOST_WINDOWS 1000           /* that are counted */
 #define EXPECTED ((ts_real)0.1)     /* of the gain of all plays: how far a weight is from the one that is expected, */
 #define EXPECTS 5                   /* where the error of a window is so many times its residual */
+#define SAME ((ts_real)0.05)        /* of what a load shows: what is known so near to it was of the load, too */
 #define STANDS ((ts_real)0.1)       /* of a resonance that is shown so, or about its centre: where fewer plays move it further there is none */
 
 /* Largest standard deviation of an estimate, over it, and of one about its centre, and how many of these its error is. */
@@ -64,8 +65,8 @@ ts_real ts_tangent(ts_real x)
     return x * sine / cosine;
 }
 
-/* Arctangent of a number above 0, by the series of a quarter of the angle; 0 of one whose square overflows. */
-static ts_real arctangent(ts_real x)
+/* By the series of a quarter of the angle. */
+ts_real ts_arctangent(ts_real x)
 {
     for (int i = 0; i < 2; i++) x /= 1 + root_of(1 + x * x);
     ts_real sum = 0, x2 = x * x;
@@ -76,7 +77,7 @@ static ts_real arctangent(ts_real x)
 /* The dead time that turns w0 as far as a lag does, in ticks. */
 static ts_real dead_time_of(ts_real lag, ts_real w0)
 {
-    return lag > 0 ? arctangent(w0 * lag) / w0 : lag < 0 ? -arctangent(-w0 * lag) / w0 : 0;
+    return lag > 0 ? ts_arctangent(w0 * lag) / w0 : lag < 0 ? -ts_arctangent(-w0 * lag) / w0 : 0;
 }
 
 static void filter_at(ts_real *a, ts_real frequency, ts_real k)
@@ -121,6 +122,7 @@ static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
     memset(r->last, 0, sizeof r->last);
     memset(r->sum, 0, sizeof r->sum);
     r->speed = r->change = r->error = 0;
+    ts_tone_begin(&r->tone, r->centre);
 }
 
 static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
@@ -268,7 +270,7 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     ts_real of_ratio = w.left > 0 ? w.left * spread / (ts_real)r->window : 0;
     ts_real doubtful = 2 * POINTS * ratio;
     if (!(of_ratio < doubtful * doubtful)) return w;
-    ts_real f0 = arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
+    ts_real f0 = ts_arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
     if (!(f0 > lowest && f0 < TS_HIGHEST_RESONANCE)) return w;
     w.points = f0;
     w.sensitivity = sensitivity_of(fewer, ratio);
@@ -347,6 +349,23 @@ static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, 
     return r->again ? SEARCH_FROM : AGAIN_FROM;
 }
 
+/* A load that the window sees is no resonance: what the window shows near it, or points to, is not that of the stage. */
+static void pass_over_load(ts_resonance *r, ts_window *w, ts_real loudest)
+{
+    ts_real tone = ts_tone_of_load(&r->tone), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
+    if (r->load > most) r->load = most;
+    if (!(tone > 0) || !(r->power < loudest)) return;
+    if (amplitude > r->load) r->load = amplitude;
+    r->load_at = tone;
+    ts_real shown = w->f0 > 0 ? w->f0 : w->points;
+    if (!(size_of(shown / tone - 1) < TS_OF_LOAD)) return;
+    if (r->known > 0 && size_of(shown / r->known - 1) < SAME) {
+        r->known = 0;
+        r->windows = 0;
+    }
+    w->f0 = w->points = 0;
+}
+
 /* Whether this window adds to what is known. */
 static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
 {
@@ -359,6 +378,7 @@ static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
         if (r->power < cost * cost) w.f0 = 0;
     }
     if (w.f0 > search->highest) w.f0 = 0;
+    pass_over_load(r, &w, search->loudest);
     ts_real f0 = w.f0, least = search->burst > 0 && r->power > search->burst ? LEAST_IN_BURST : LEAST;
     bool near = f0 > 0 && (is_about(r, f0) || w.variance < least * least);
     r->centre = next_centre(r, &w, lowest, search);
@@ -426,6 +446,7 @@ bool ts_resonance_tick(ts_resonance *r, ts_real tick, const ts_real *x, ts_real 
     bool last = may_burst && r->ticks > 0 && suffices_in_burst(r, search->burst);
     if (r->ticks == 0) begin_band(r, tick, x);
     count_tick(r, x, error);
+    ts_tone_tick(&r->tone, error, zdot_d);
     r->speed += zdot_d < 0 ? -zdot_d : zdot_d;
     r->change += change < 0 ? -change : change;
     r->ticks++;

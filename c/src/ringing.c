@@ -10,6 +10,7 @@
 #define REST_HALF_WAVES 7         /* and half-waves of the ringing after which it continues */
 #define FREE 6                    /* half-waves of the ringing while weights are held, which shows the resonance, */
 #define DECAYED ((ts_real)0.98)   /* of the first of them: the last one is smaller, or something drives it, */
+#define LOUDER 2                  /* times a load: a half-wave of an oscillation beside it */
 #define UNEVEN 2                  /* times as large as one beside it: the half-wave is not that of a ringing */
 
 /* The present weights are those to be restored; at the start there are no earlier ones. */
@@ -64,21 +65,19 @@ void ts_watch_burst(ts_controller *c, ts_real error)
     if (ts_oscillation_is_fast(o, frequency)) retreat(c, frequency);
 }
 
-/* Ringing at the resonance counts as noise: its variance after the filter, over the ticks of half a half-wave, times
- * four because it is not white. */
+/* Ringing at the resonance counts as noise, once in a half-wave. */
 static void count_ringing(ts_controller *c)
 {
     const ts_oscillation *o = &c->oscillation;
     ts_kalman *k = &c->law.kalman;
     ts_real f = c->stage.resonance;
-    if (!(f > 0) || o->length != 0) return; /* once in a half-wave */
+    if (!(f > 0) || o->length != 0) return;
     ts_real ratio = o->regular >= 2 ? ts_oscillation_frequency(o, 2) / f : 0;
     if (ratio < (ts_real)0.7 || ratio > (ts_real)1.4) {
         k->disturbance /= 2;
         return;
     }
-    ts_real w = 2 * TS_PI * f * (1 - k->filter) / k->filter, left = o->peaks[0] / (1 + w * w);
-    k->disturbance = left * left / (2 * f);
+    k->disturbance = ts_kalman_noise_of_sine(k, o->peaks[0], f);
 }
 
 /* Standard deviation of a measurement, um: as it is now, and no less than the sensor's steps. */
@@ -123,6 +122,13 @@ static bool rings_freely(const ts_controller *c)
     return o->peaks[0] > c->settings->oscillation.floor && ts_oscillation_is_fast(o, ts_oscillation_frequency(o, FREE));
 }
 
+/* Whether an oscillation of this frequency, cycles per tick, is the load that was seen. */
+static bool is_load(const ts_controller *c, ts_real frequency)
+{
+    const ts_resonance *r = &c->resonance;
+    return r->load > 0 && c->oscillation.peaks[0] < LOUDER * r->load && size_of(frequency / r->load_at - 1) < TS_OF_LOAD;
+}
+
 /* One tick of the detection of a self-excited oscillation, and the reaction to it. */
 void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limited)
 {
@@ -147,7 +153,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limite
             ts_real frequency = ts_oscillation_frequency(o, o->regular < 6 ? 4 : 6);
             if (ts_oscillation_is_fast(o, frequency)) know_resonance(c, frequency);
         }
-    } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold) {
+    } else if (found > 0 && c->guard.held == 0 && !(o->found && measures_inertia(c)) && !limited && found > NOT_BELOW * c->stage.resonance && !c->hold && !is_load(c, found)) {
         retreat(c, found);
     } else {
         c->stage.age += s->oscillation.tick;

@@ -119,6 +119,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("usual", &k.usual, 1);
     visit("filter", &k.filter, 1);
     visit("disturbance", &k.disturbance, 1);
+    visit("load", &k.load, 1);
     visit("caution", &k.caution, 1);
     visit("since_change", &k.since_change, 1);
     visit("spikes", &k.spikes, 1);
@@ -202,6 +203,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("resonance_search", &v.centre, offsetof(ts_resonance, settling) / sizeof(ts_real));
     visit("resonance_ticks", &v.settling, 5);
     visit("resonance_turns", &v.strange, 2);
+    visit("tone", &v.tone.step[0], offsetof(ts_tone, block) / sizeof(ts_real));
+    visit("tone_ticks", &v.tone.block, 5);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
     visit("guard", &c.guard.low, (offsetof(ts_guard, ticks) - offsetof(ts_guard, low)) / sizeof(ts_real));
@@ -322,9 +325,13 @@ ts_real lowest_resonance(const ts_controller &c) {
 void check_resonance(const ts_controller &c) {
     const ts_resonance &r = c.resonance;
     bool sought = r.known == 0 || r.known >= static_cast<ts_real>(0.99) * lowest_resonance(c);
-    bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.swept >= 0 && r.swept < 1 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0;
+    bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.swept >= 0 && r.swept < 1 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0 && r.load >= 0 && r.load_at >= 0 && r.load_at < 1;
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
+    const ts_tone &t = r.tone;
+    bool counts = t.block >= 0 && t.ticks >= 0 && t.blocks >= 0 && t.passed >= 0 && t.turns >= 0;
+    require_all("tone_ticks", counts && t.block < INT32_MAX / 2 && t.ticks <= t.block && (r.ticks == 0 || t.block >= 8), "counts of 0 or more, of a block that has not ended");
+    require_all("tone", t.power[0] >= 0 && t.power[1] >= 0 && t.last >= t.first && t.first >= 0, "a mean square of 0 or more, and turns in their order");
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
     require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.pointed >= 0 && r.pointed <= TS_MOST_POINTED,
                 "counts of 0 or more, of a window that has not ended");
@@ -335,6 +342,7 @@ void check_kalman(const ts_controller &c) {
     auto not_negative = [](const char *name, ts_real value) { require_all(name, value >= 0, "0 or more"); };
     not_negative("innovation_variance", k.variance);
     not_negative("noise", k.sigma);
+    not_negative("load", k.load);
     not_negative("ringing", k.ringing);
     not_negative("ringing_power", c.ringing.power);
     require_range("change", k.change, 0, 100);

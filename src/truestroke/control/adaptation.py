@@ -67,6 +67,7 @@ class FilteringLaw(Law, Protocol):
     sigma: float
     ringing: float
     disturbance: float
+    load: float
     caution: float
     changed: bool
     since_change: int
@@ -99,6 +100,9 @@ class FilteringLaw(Law, Protocol):
 
     def wait(self, ticks: int) -> None:
         """The weights stay for so many ticks."""
+
+    def noise_of_sine(self, amplitude: float, frequency: float) -> float:
+        """A sine of this amplitude, um, and frequency, cycles per tick, as noise, um^2."""
 
     def start_filters(self) -> None:
         """The filters start at 0, in place of the first regressor and measurement, unless they have started."""
@@ -487,6 +491,8 @@ class BoundedKalman:
         The present coefficient of the poles; at first that of the settings.
     disturbance : float
         Variance of an innovation that is no error of the model, such as ringing, um^2; added to the noise.
+    load : float
+        The same of a load from outside, um^2.
     caution : float
         The same after learning has failed, um^2: see `truestroke.control.guard`.
     changed : bool
@@ -541,7 +547,7 @@ class BoundedKalman:
         self._together, self._hysteresis = np.outer(is_play, is_play), np.outer(is_other, is_other)
         self.take(settings)
         self.filter = settings.filter
-        self.disturbance = self.caution = 0.0
+        self.disturbance = self.load = self.caution = 0.0
         self.weights, self.P = self.w0.copy(), self.P0.copy()
         self.u1 = self.u = np.zeros(m)  # the regressor after one and two poles
         self.y1 = self.y = 0.0  # the measurement after one and two poles, um
@@ -573,6 +579,15 @@ class BoundedKalman:
     def wait(self, ticks: int) -> None:
         """The weights stay for so many ticks, and what is unusual is summed anew."""
         self.since_change, self.change = -ticks, 0.0
+
+    def noise_of_sine(self, amplitude: float, frequency: float) -> float:
+        """A sine of this amplitude, um, and frequency, cycles per tick, as noise, um^2: its variance behind the filter.
+
+        Over the ticks of half a half-wave, times four because it is not white.
+        """
+        w = 2 * math.pi * frequency * (1 - self.filter) / self.filter
+        left = amplitude / (1 + w * w)
+        return left * left / (2 * frequency)
 
     def start_filters(self) -> None:
         """They start at 0, in place of the first u and y, unless they have: y = w.u stays exact."""
@@ -678,7 +693,8 @@ class BoundedKalman:
         if not (explained >= 0 and math.isfinite(explained * e)):  # never observed: P is no longer definite
             self.P = self.P0.copy()
             return False
-        floor, quiet = s.model_error * s.model_error + self.disturbance + self.caution, self.sigma * self.sigma
+        floor = s.model_error * s.model_error + self.disturbance + self.load + self.caution
+        quiet = self.sigma * self.sigma
         expected = explained + (quiet + floor) / 2
         if not expected > 0:  # no motion, no noise, no error of the model: nothing to divide by
             return False

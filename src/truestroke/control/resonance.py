@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from truestroke.base.typing import FloatArray
+from truestroke.control.angles import arctangent, tangent
+from truestroke.control.tone import OF_LOAD, ToneDetector
 
 SHOWN = 7  # plays that stand for the hysteresis: TS_SHOWN of the kernel
 BAND, HIGH, THIRD, LOW = range(SHOWN, SHOWN + 4)  # of the measurement: places behind the plays
@@ -39,6 +41,7 @@ ABOUT = 0.04  # that of one about its centre, where no stage is in the model,
 EXPLAIN = 0.5  # and the share of the plays there: what our voltage does not drive is noise
 EXPECTED = 0.1  # of the gain of all plays: how far a weight is from the one that is expected,
 EXPECTS = 5  # where the error of a window is so many times its residual
+SAME = 0.05  # of what a load shows: what is known so near to it was of the load, too
 STANDS = 0.1  # of a resonance that is shown so, or about its centre: where fewer plays move it further there is none
 LEAST = 0.005  # the smallest error of an estimate, over it
 LEAST_IN_BURST = 0.01  # that of one that need not be near its centre, in a burst
@@ -50,26 +53,6 @@ MOST = 1000  # windows that are counted
 def shown(play: FloatArray) -> FloatArray:
     """The play states that stand for the hysteresis, shape (7,), V."""
     return play[[(i * (play.size - 1) + (SHOWN - 1) // 2) // (SHOWN - 1) for i in range(SHOWN)]]
-
-
-def tangent(x: float) -> float:
-    """Of 0 to 1.3, by the series of sine and cosine, as the kernel has it: without a mathematical library."""
-    sine = cosine = 1.0
-    square = x * x
-    for k in range(9, 0, -1):
-        sine = 1 - square * sine / (2 * k * (2 * k + 1))
-        cosine = 1 - square * cosine / (2 * k * (2 * k - 1))
-    return x * sine / cosine
-
-
-def arctangent(x: float) -> float:
-    """Of a number above 0, by the series of a quarter of the angle; 0 of one whose square overflows."""
-    for _ in range(2):
-        x /= 1 + math.sqrt(1 + x * x)
-    total, square = 0.0, x * x
-    for k in range(9, -1, -1):
-        total = 1 / (2 * k + 1) - square * total
-    return 4 * (x * total)
 
 
 class _Window(NamedTuple):
@@ -150,6 +133,9 @@ class ResonanceEstimator:
     the centre, and a window of a low frequency gives way to the first of the search. At rest, where nothing moves and
     the error is small, the search stays where it is.
 
+    A load from outside is a steady tone in the error (`truestroke.control.tone`), and meets any equation of ringing
+    without damping. What a window shows within 35 % of one is no resonance.
+
     With four of the seven plays the same window shows another f0. By how much is its sensitivity: where a stage that is
     wrong by so much would leave a larger error in the motion than there is, the window shows nothing.
 
@@ -166,6 +152,9 @@ class ResonanceEstimator:
         That made it known.
     motion, power : float
         Of the last window: frequency of the motion, cycles per tick; mean square of the error, um^2.
+    load, load_at : float
+        Amplitude, um, and frequency, cycles per tick, of a `load` that a window has seen, no larger than the error
+        allows; 0: of none.
     ticks : int
         Of the present window; 0: it begins anew.
 
@@ -189,9 +178,11 @@ class ResonanceEstimator:
 
     def __init__(self) -> None:
         self.centre = self.known = self.variance = self.lag = self.motion = self.power = self.driven = 0.0
+        self.load = self.load_at = 0.0
         self.ticks = self.windows = 0
         self._pointed = 0  # windows that pointed elsewhere since one showed a resonance, or since the search began
         self._speed = self._change = self._error = 0.0  # sums of a window
+        self._tone = ToneDetector(SEARCH_FROM)
         self._strange = False  # the last window was far from what is known
         self._again = False  # the next search begins above
         self._swept = 0.0  # where the search goes on behind a window about what is known; 0: about that
@@ -238,6 +229,7 @@ class ResonanceEstimator:
         highest: float = HIGHEST,
         burst: float = 0.0,
         expected: FloatArray | None = None,
+        loudest: float = math.inf,
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
@@ -259,6 +251,8 @@ class ResonanceEstimator:
             Mean square of an error for which the estimate makes haste, um^2; 0: for none.
         expected : ndarray, shape (7,), optional
             Weights of the plays, um/V; they are read in the tick that `ends` the window.
+        loudest : float
+            Mean square of an error from which on a tone is no load, um^2.
         """
         if self._begins_to_burst(tick, error, burst):
             self.centre, self.ticks, self._pointed = SEARCH_FROM, 0, 0
@@ -267,13 +261,14 @@ class ResonanceEstimator:
         if self.ticks == 0:
             self._begin(tick, x)
         self._count(x, error)
+        self._tone.update(error, zdot_d)
         self._speed += abs(zdot_d)
         self._change += abs(change)
         self.ticks += 1
         if last:
             self._window = self.ticks - self._settling
         ended = self.ticks >= self._settling + self._window
-        return ended and self._end(tick, span, highest, burst, expected)
+        return ended and self._end(tick, span, highest, burst, expected, loudest)
 
     def ends(self, above: float, below: float) -> bool:
         """Whether the next tick ends a window whose mean square error is between these, um^2."""
@@ -304,6 +299,7 @@ class ResonanceEstimator:
         self._pole = _Pole(self.centre, SHOWN + 3)
         self._first, self._sum = x, np.zeros((LOW + 1, LOW + 1))
         self._speed = self._change = self._error = 0.0
+        self._tone = ToneDetector(self.centre)
 
     def _count(self, x: FloatArray, error: float) -> None:
         x = x - self._first
@@ -318,7 +314,9 @@ class ResonanceEstimator:
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
 
-    def _end(self, tick: float, span: float, highest: float, burst: float, expected: FloatArray | None) -> bool:
+    def _end(
+        self, tick: float, span: float, highest: float, burst: float, expected: FloatArray | None, loudest: float
+    ) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
         lowest = self.lowest(tick)
@@ -327,6 +325,7 @@ class ResonanceEstimator:
             fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
             window = window._replace(f0=0.0) if self.power < cost * cost or window.f0 > highest else window
+        window = self._passed_over_load(window, loudest)
         least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
         near = window.f0 > 0 and (self._is_about(window.f0) or window.variance < least * least)
         self.centre = self._next(window, lowest, highest, burst)
@@ -334,6 +333,20 @@ class ResonanceEstimator:
         if near:
             self._know(window)
         return near
+
+    def _passed_over_load(self, window: _Window, loudest: float) -> _Window:
+        """What a window shows that may see a load: near to that, or pointing to it, it is no resonance."""
+        load, amplitude = self._tone.of_load, self._tone.amplitude
+        self.load = min(self.load, math.sqrt(2 * self.power))
+        if not load > 0 or not self.power < loudest:
+            return window
+        self.load, self.load_at = max(self.load, amplitude), load
+        shown = window.f0 if window.f0 > 0 else window.points
+        if not abs(shown / load - 1) < OF_LOAD:
+            return window
+        if self.known > 0 and abs(shown / self.known - 1) < SAME:
+            self.known, self.windows = 0.0, 0
+        return window._replace(f0=0.0, points=0.0)
 
     def _next(self, window: _Window, lowest: float, highest: float, burst: float) -> float:
         """The next centre, behind a window."""

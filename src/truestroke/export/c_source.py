@@ -128,7 +128,7 @@ def export_c(
     >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = export_c(controller, folder, precision="single")
-    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 12_100
+    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 12_200
     (26, True)
     """
     if precision is not None:

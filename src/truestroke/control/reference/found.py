@@ -6,10 +6,11 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, FilteringLaw
+from truestroke.control.angles import tangent
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.state import HISTORY, Growth, State
-from truestroke.control.resonance import HIGHEST, SHOWN, shown, tangent
+from truestroke.control.resonance import HIGHEST, SHOWN, shown
 from truestroke.control.stage import MOST_DEAD, Stage, found
 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
@@ -43,6 +44,8 @@ DAMPS = 0.2  # of the ringing: what the active damping takes from the command, a
 BROAD = 1.0  # behind a filter of twice this damping,
 STIFFEST = 0.06  # cycles per tick: less of it above, where what is not known of the lag turns it further,
 HIGHEST_DAMPED = 0.25  # and nothing from here on
+LOUD = 0.1  # of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it
+LOAD_COUNTS = 0.04  # of a sine that decays: a load lasts, and little of it remains in the mean
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
 
@@ -416,6 +419,14 @@ def highest_first(c: State) -> float:
     return (1 + FURTHER) * c.stage.resonance if good else HIGHEST
 
 
+def loudest_load(c: State) -> float:
+    """Mean square of an error from which on a tone is no load, um^2. With a trim it may be one that this sustains."""
+    if c.settings.trim_rate > 0:
+        return 0.0
+    whole = c.kept.guard.range
+    return LOUD * LOUD * (whole * whole) if c.is_given else LARGEST * LARGEST
+
+
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
     """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
     law, tick = c.filtering, c.oscillation.tick
@@ -423,6 +434,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
         return
     if c.is_given and not c.kept.guard.error > DOUBT:  # no reason to look for another
         c.estimator.ticks = 0
+        law.load = 0.0
         return
     now = shown(c.lagged.play)
     before, c.shown = c.shown if path is None else now, now
@@ -432,8 +444,12 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     most, burst = guard.range * guard.range, burst_of(c) if path is None else 0.0
     ends = path is None and c.estimator.ends(noisy(c, law), most)  # with a stage in the model weights may go with it
     expected = expected_of_plays(c) if ends else None
-    known = c.estimator.update(tick, before, z, error, zdot_d, zdot_d - c.rate, span, highest_first(c), burst, expected)
+    motion, loudest = (zdot_d, zdot_d - c.rate), loudest_load(c)
+    known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, loudest)
     c.rate = zdot_d
+    if c.estimator.ticks == 0:
+        load = c.estimator.load
+        law.load = LOAD_COUNTS * law.noise_of_sine(load, c.estimator.load_at) if load > 0 else 0.0
     assumes = c.members["resonance"] > 0 and c.path is None and not c.stage.failed
     assumes = assumes and not is_identified(c) and may_have_stage(c)
     if not assumes and not (known and matters(c)):

@@ -8,6 +8,7 @@ from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.reference.command import keep_command, rate_dependent_slopes, sum_of_plays
 from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, shows_gain, take_first
 from truestroke.control.reference.state import State
+from truestroke.control.tone import OF_LOAD
 
 BEYOND = 2  # times the motion so far: an error for which one half-wave is enough
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
@@ -17,6 +18,7 @@ REST_HALF_WAVES = 7  # and half-waves of the ringing after which it continues
 KEEP = 0.03  # s: how often the weights are kept
 FREE = 6  # half-waves of the ringing while weights are held, which show the resonance,
 DECAYED = 0.98  # of the first of them: the last one is smaller, or something drives it,
+LOUDER = 2  # times a load: a half-wave of an oscillation beside it
 UNEVEN = 2  # times as large as one beside it: the half-wave is not that of a ringing
 
 
@@ -103,10 +105,7 @@ def rings_freely(c: State) -> bool:
 
 
 def count_ringing(c: State, law: FilteringLaw) -> None:
-    """Ringing at the resonance counts as noise: once in a half-wave.
-
-    Its variance after the filter, over the ticks of half a half-wave, times four because it is not white.
-    """
+    """Ringing at the resonance counts as noise: once in a half-wave."""
     f, detector = c.stage.resonance, c.stage.detector
     if not f > 0 or detector.length != 0:
         return
@@ -114,9 +113,15 @@ def count_ringing(c: State, law: FilteringLaw) -> None:
     if not 0.7 <= ratio <= 1.4:
         law.disturbance /= 2
         return
-    w = 2 * math.pi * f * (1 - law.filter) / law.filter
-    left = detector.peaks[0] / (1 + w * w)
-    law.disturbance = left * left / (2 * f)
+    law.disturbance = law.noise_of_sine(detector.peaks[0], f)
+
+
+def is_load(c: State, frequency: float) -> bool:
+    """Whether an oscillation of this frequency, cycles per tick, is the load that was seen."""
+    seen = c.estimator
+    if not (seen.load > 0 and c.stage.detector.peaks[0] < LOUDER * seen.load):
+        return False
+    return abs(frequency / seen.load_at - 1) < OF_LOAD
 
 
 def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
@@ -149,6 +154,7 @@ def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
         and not limited
         and found > NOT_BELOW * stage.resonance
         and not c.held
+        and not is_load(c, found)
     ):
         retreat(c, law, found)
     else:
