@@ -527,3 +527,30 @@ def test_units_of_columns_that_white_space_separates(tmp_path: Path) -> None:
         + "\n".join(f"{1e3 * t:.9g} {v:.9g} {1e-3 * z:.9g}" for t, v, z in zip(T, V, Z, strict=True))
     )
     is_the_record(read_record(tmp_path / "a.txt"))
+
+
+@pytest.mark.parametrize("style", [".4f", ".6e", ".0f"])
+def test_a_last_number_that_is_cut_off_is_left_out(tmp_path: Path, style: str) -> None:
+    """A file that ends within its last number: 12.3 of 12.3456 is no measurement; a whole one without a line end is."""
+    z = 1000 + 500 * np.sin(20 * T)
+    rows = "t (s),V (V),z (um)\n" + "\n".join(f"{a:.4f},{b:.6f},{c:{style}}" for a, b, c in zip(T, V, z, strict=True))
+    path = tmp_path / "r.csv"
+    path.write_text(rows)
+    whole = read_record(path)
+    for cut in (1, 2):
+        path.write_text(rows[:-cut])
+        record = read_record(path)
+        assert (record.dropped, whole.dropped) == (1, 0)
+        np.testing.assert_array_equal(record.displacement, whole.displacement[:-1])
+    path.write_text(rows + "\n")
+    assert read_record(path).dropped == 0
+
+
+def test_what_old_c_libraries_write_for_no_number_is_missing(tmp_path: Path) -> None:
+    """-1.#IND was read as -1, before a comment."""
+    path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
+    lines = path.read_text().splitlines()
+    lines[100] = lines[100].rpartition(",")[0] + ",-1.#IND"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(RecordError, match=r"line 101: displacement is missing or no number in '.*-1.#IND'"):
+        read_record(path)

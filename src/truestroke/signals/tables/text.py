@@ -29,6 +29,7 @@ DOTTED_DATE = re.compile(
 )  # 31.12.2026 13:45:00,5
 TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
 OF_GCS = re.compile(r"#\s*(NAME\d+|SAMPLE_TIME)\s*=\s*(.*?)\s*$")
+BEFORE = 50  # rows, with which the last number of a text is compared
 SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
 
 
@@ -197,7 +198,30 @@ def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[Fl
             rows += len(block)
             if not complete and not np.isfinite(block).all():
                 break
+            if _is_cut(layout, lines):
+                table[:, rows - 1] = np.nan
     return list(table[:, :rows])
+
+
+def _is_cut(layout: _Layout, lines: Sequence[str]) -> bool:
+    """Whether a text ends within its last number, as of a program that was ended or a disk that was full.
+
+    No end of a line is behind it, and it has fewer digits than in any row before: behind the point, with an exponent.
+    """
+    if lines[-1].endswith("\n") or not _is_row(lines[-1]):
+        return False
+    last, *before = (layout.fields(line)[-1] for line in list(filter(_is_row, lines))[: -BEFORE - 2 : -1])
+    return bool(before) and _written(last) < min(map(_written, before))
+
+
+def _written(number: str) -> int:
+    """Characters of a number behind its point, or of all of it.
+
+    >>> _written("12.34e-01"), _written("12"), _written("-12")
+    (6, 2, 2)
+    """
+    whole, point, behind = number.partition(".")
+    return len(behind) if point else len(whole.lstrip("+-"))
 
 
 def _count_lines(path: Path) -> int:
@@ -210,6 +234,8 @@ def _parse(lines: Sequence[str], layout: _Layout, columns: Sequence[int]) -> Flo
         lines = list(filter(_is_row, lines))
         if not lines:
             return np.empty((0, len(columns)))
+    if any(".#" in line for line in lines):  # -1.#IND is no number; loadtxt would read -1 before a comment
+        return _parse_slowly(lines, layout, columns)
     plain = map(layout.plain, lines) if layout.comma else lines
     try:
         return np.loadtxt(plain, delimiter=layout.separator, usecols=columns, quotechar='"', ndmin=2)
