@@ -554,3 +554,51 @@ def test_what_old_c_libraries_write_for_no_number_is_missing(tmp_path: Path) -> 
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(RecordError, match=r"line 101: displacement is missing or no number in '.*-1.#IND'"):
         read_record(path)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", ";"])
+@pytest.mark.parametrize("missing", [1, 2])
+def test_a_header_belongs_to_rows_that_begin_without_measurement(tmp_path: Path, separator: str, missing: int) -> None:
+    """The names, and with them the units, were lost where the first rows end with empty cells."""
+    rows = [[f"{1e3 * a:.1f}", f"{1e3 * b:.3f}", f"{1e3 * c:.2f}"] for a, b, c in zip(T, V, Z, strict=True)]
+    for row in rows[:4]:
+        row[-missing:] = [""] * missing
+    head = [["time (ms)", "volts (mV)", "z (nm)"]]
+    path = tmp_path / "r.txt"
+    path.write_text("\n".join(map(separator.join, head + rows)) + "\n")
+    record = read_record(path)
+    assert record.dropped == 4
+    np.testing.assert_allclose(record.displacement, Z[4:], atol=1e-5)
+    np.testing.assert_allclose(record.volts, V[4:], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("head", "separator"),
+    [
+        ("time,volts,z,remark\nms,mV,nm,\n", ","),  # a row of units is not complete
+        ("time\tvolts\tz\tremark\n(ms)\t(mV)\t(nm)\t\n", "\t"),
+        ("time (milliseconds),volts (millivolts),z (Nanometers),remark\n", ","),
+        ("Time (ms)  Control voltage (mV)  Measured position (nm)  Row number\n", "  "),  # blanks in names
+    ],
+)
+def test_units_are_read_whatever_stands_beside_them(tmp_path: Path, head: str, separator: str) -> None:
+    record = read_record(
+        text(tmp_path / "r.txt", 1e3 * T, 1e3 * V, 1e3 * Z, np.arange(ROWS), head=head, separator=separator),
+        displacement=3,
+    )
+    is_the_record(record)
+
+
+def test_a_file_of_labview_names_one_column_more_than_it_has(tmp_path: Path) -> None:
+    head = "LabVIEW Measurement\t\nChannels\t2\t\t\n***End_of_Header***\t\t\nX_Value\tPosition\tVoltage\tComment\n"
+    is_the_record(read_record(text(tmp_path / "r.lvm", T, Z, V, head=head, separator="\t")))
+
+
+@pytest.mark.parametrize("between", ["", "\nRun 2\nt,V,z\n"])
+def test_several_runs_in_one_file_are_none(tmp_path: Path, between: str) -> None:
+    """With `drop_bad_rows` all but the first run were left out."""
+    path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
+    first = path.read_text()
+    path.write_text(first + between + first.partition("\n")[2])
+    with pytest.raises(RecordError, match=r"line \d+: the time starts again, 0 s behind 0.299 s: are several runs"):
+        read_record(path, drop_bad_rows=True)

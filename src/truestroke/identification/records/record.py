@@ -48,7 +48,7 @@ HEADINGS = {
         *("przemieszczenie", "перемещение", "смещение", "位移", "変位", "변위"),
     ),
     "time": (
-        *("time", "t", "timestamp", "zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
+        *("time", "t", "timestamp", "x_value", "zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
         *("时间", "時間", "시간"),
     ),
 }
@@ -310,6 +310,7 @@ def _checked(
     _refuse_unreadable_end(source, ends, rows, table)
     time, signals = time[ends], {role: signal[ends] for role, signal in signals.items()}
     table = dataclasses.replace(table, locate=partial(_from, table.locate, ends.start))
+    _refuse_several(source, time, table)
     if drop or table.marked:
         keep = _good_rows({**signals, "time": time})
         time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
@@ -353,6 +354,19 @@ def _good_rows(signals: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_]:
     latest = np.maximum.accumulate(np.where(good, signals["time"], -np.inf))
     good[1:] &= signals["time"][1:] > latest[:-1]
     return np.asarray(good)
+
+
+def _refuse_several(source: str, time: FloatArray, table: Table) -> None:
+    """Where the time starts again for as many rows as a record has: one stamp far ahead of the others is no start."""
+    rows = np.flatnonzero(np.isfinite(time))
+    t = time[rows]
+    for k in np.flatnonzero(np.diff(t) < 0).tolist():
+        if t[k + 1] < t[max(k - 1, 0)] and t[k + 1 : k + 1 + FEWEST_ROWS].max() < t[k] and t.size - k > FEWEST_ROWS:
+            number, _ = table.locate(int(rows[k + 1]))
+            reason = f"the time starts again, {t[k + 1]:.9g} s behind {t[k]:.9g} s: are several runs in one file? Read "
+            raise RecordError(
+                source, f"{reason}each by itself, or give the `sample_rate` if they are one", number, table.where
+            )
 
 
 def _refuse_late_rows(source: str, time: FloatArray, table: Table) -> None:

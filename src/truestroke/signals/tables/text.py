@@ -4,8 +4,9 @@ import csv
 import itertools
 import math
 import re
+import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -35,13 +36,17 @@ SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers."""
+    """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers.
+
+    `padded`: whether each row ends with a separator.
+    """
 
     path: Path
     encoding: str
     separator: str | None
     comma: bool
     lines_before: int
+    padded: bool = True
 
     def open(self) -> TextIO:
         return self.path.open(encoding=self.encoding, errors="replace")
@@ -55,11 +60,11 @@ class _Layout:
         return line.replace(",", ".")
 
     def fields(self, line: str) -> list[str]:
-        text = self.plain(line).strip()
+        text = self.plain(line).lstrip().rstrip(None if self.padded else " \r\n")
         quoted = self.separator and '"' in text
         split = next(csv.reader([text], delimiter=self.separator or ",")) if quoted else text.split(self.separator)
         fields = [field.strip().strip('"') for field in split]
-        return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+        return fields[:-1] if self.padded and len(fields) > 1 and not fields[-1] else fields
 
 
 def _is_row(line: str) -> bool:
@@ -154,7 +159,7 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
         fields = layout.fields(line)
         width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
         if width and width == previous:
-            return layout
+            return _from_the_first(layout, lines)
         previous, before = width, number
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
     columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
@@ -166,13 +171,24 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
     raise RecordError(str(path), reason + shown)
 
 
+def _from_the_first(layout: _Layout, lines: Sequence[str]) -> _Layout:
+    """The same, with the rows before them whose last cells are empty, where no separator ends each row."""
+    bare = replace(layout, padded=False)
+    rows = [bare.fields(line) for line in lines[layout.lines_before :] if _is_row(line)]
+    width = statistics.mode(map(len, rows))
+    if layout.separator is None or sum(len(row) == width and bool(row[-1]) for row in rows) < 2:
+        return layout
+    start = layout.lines_before
+    while start and _is_row(lines[start - 1]) and len(row := bare.fields(lines[start - 1])) == width and _numeric(row):
+        start -= 1
+    return replace(bare, lines_before=start)
+
+
 def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units from the line above the numbers, or from two lines: names, then units alone."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip(" \t\r\n#%")]
-    texts = [re.sub(r"^\s*[#%]+", "", line).strip() for _, line in numbered]
-    above = [layout.fields(text) for text in texts]
-    if layout.separator is None and above and len(above[-1]) != width:  # white space also before the unit: z (mm)
-        above[-1] = [field.strip('"') for field in re.split(r"\s+(?![(\[])", texts[-1])]
+    texts = [re.sub(r"^\s*[#%]+", "", line).rstrip("\r\n") for _, line in numbered]
+    above = [_titles(layout, text, width) for text in texts]
     if not above or len(above[-1]) != width:
         return (), ()
     last = above[-1]
@@ -181,6 +197,17 @@ def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tu
         reason = f"{_shown(line)} is neither names nor numbers only; begin such a line with #, or leave it out"
         raise RecordError(str(path), reason, number, "line")
     return names_and_units(last, above[-2] if len(above) > 1 and len(above[-2]) == width else ())
+
+
+def _titles(layout: _Layout, text: str, width: int) -> list[str]:
+    """The cells of a line above `width` columns; LabVIEW names one more, of comments."""
+    fields = layout.fields(text)
+    if len(fields) == width + 1 and fields[-1].lower() in ("", "comment"):
+        return fields[:-1]
+    if layout.separator is None and len(fields) != width:  # white space also before the unit, or in names: drive (mV)
+        ways = (re.split(between, text.strip()) for between in (r"\s+(?![(\[])", r"\s{2,}|\t"))
+        return next(([name.strip('"') for name in names] for names in ways if len(names) == width), fields)
+    return fields
 
 
 def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[FloatArray]:
@@ -294,5 +321,5 @@ def _locate(layout: _Layout, index: int) -> tuple[int, str]:
 
 
 def _shown(line: str) -> str:
-    text = line.strip()
+    text = line.strip(" \r\n")
     return repr(text if len(text) <= 60 else text[:57] + "...")
