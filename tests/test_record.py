@@ -602,3 +602,11 @@ def test_several_runs_in_one_file_are_none(tmp_path: Path, between: str) -> None
     path.write_text(first + between + first.partition("\n")[2])
     with pytest.raises(RecordError, match=r"line \d+: the time starts again, 0 s behind 0.299 s: are several runs"):
         read_record(path, drop_bad_rows=True)
+
+
+@pytest.mark.parametrize("digits", [1, 2])
+def test_stamps_that_are_too_coarse_ask_for_the_sample_rate(tmp_path: Path, digits: int) -> None:
+    """Of rows with one stamp `drop_bad_rows` would leave all but one out."""
+    path = text(tmp_path / "r.csv", np.floor(T * 10**digits + 1e-9) / 10**digits, V, Z, head="t,V,z\n")
+    with pytest.raises(RecordError, match=r"too coarse; give the `sample_rate`, by them about 1000 Hz$"):
+        read_record(path)

@@ -23,6 +23,7 @@ from truestroke.signals.recording import Recording
 from truestroke.signals.tables import RecordError, Table
 
 FEWEST_ROWS = 50
+COARSE = 0.2  # of the stamps repeat the one before, or more: rows that were measured would be left out with them
 GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
 
 HEADINGS = {
@@ -376,7 +377,12 @@ def _refuse_late_rows(source: str, time: FloatArray, table: Table) -> None:
         number, _ = table.locate(first := int(np.argmax(late)) + 1)
         how = "repeats" if time[first] == time[first - 1] else "is earlier than"
         reason = f"time {time[first]:.9g} s {how} that of the row before ({late.sum()} such rows)"
-        reason += "; `drop_bad_rows` leaves them out, or give the `sample_rate` instead of a time column"
+        new = np.flatnonzero(np.diff(time) > 0)
+        if late.mean() > COARSE and new.size > 1:
+            rate = (new[-1] - new[0]) / (time[new[-1] + 1] - time[new[0] + 1])
+            reason += f": the stamps are too coarse; give the `sample_rate`, by them about {rate:.4g} Hz"
+        else:
+            reason += "; `drop_bad_rows` leaves them out, or give the `sample_rate` instead of a time column"
         raise RecordError(source, reason, number, table.where)
 
 
