@@ -589,6 +589,20 @@ def test_units_are_read_whatever_stands_beside_them(tmp_path: Path, head: str, s
     is_the_record(record)
 
 
+@pytest.mark.parametrize("separator", [",", "\t", ";"])
+@pytest.mark.parametrize("behind", [1, 2])
+@pytest.mark.parametrize("missing", [0, 1, 3])
+def test_separators_may_end_each_row(tmp_path: Path, separator: str, behind: int, missing: int) -> None:
+    """As of a table that has empty columns behind: the header was lost, or the numbers taken for decimal commas."""
+    z = [""] * missing + [f"{value:.4f}" for value in 1e3 * Z[missing:]]
+    rows = [separator.join([f"{a:.1f}", f"{b:.3f}", c]) for a, b, c in zip(1e3 * T, 1e3 * V, z, strict=True)]
+    lines = [separator.join(["time (ms)", "volts (mV)", "z (nm)"]), *(row + separator * behind for row in rows)]
+    (tmp_path / "r.txt").write_text("\n".join(lines) + "\n")
+    record = read_record(tmp_path / "r.txt")
+    np.testing.assert_allclose(record.displacement, Z[missing:], atol=1e-6)
+    assert record.columns["displacement"].unit == "nm"
+
+
 def test_a_file_of_labview_names_one_column_more_than_it_has(tmp_path: Path) -> None:
     head = "LabVIEW Measurement\t\nChannels\t2\t\t\n***End_of_Header***\t\t\nX_Value\tPosition\tVoltage\tComment\n"
     is_the_record(read_record(text(tmp_path / "r.lvm", T, Z, V, head=head, separator="\t")))

@@ -38,7 +38,7 @@ SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
 class _Layout:
     """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers.
 
-    `padded`: whether each row ends with a separator.
+    `width`: number of columns, where it is known; cells behind them are empty.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class _Layout:
     separator: str | None
     comma: bool
     lines_before: int
-    padded: bool = True
+    width: int = 0
 
     def open(self) -> TextIO:
         return self.path.open(encoding=self.encoding, errors="replace")
@@ -60,11 +60,23 @@ class _Layout:
         return line.replace(",", ".")
 
     def fields(self, line: str) -> list[str]:
-        text = self.plain(line).lstrip().rstrip(None if self.padded else " \r\n")
+        if not self.width:
+            cells = self.cells(line.strip())
+            return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+        cells = self.cells(line)
+        return cells[: max(self.width, _filled(cells))]
+
+    def cells(self, line: str) -> list[str]:
+        """All of them, those behind the last number, too."""
+        text = self.plain(line).lstrip().rstrip(" \r\n" if self.separator else None)
         quoted = self.separator and '"' in text
         split = next(csv.reader([text], delimiter=self.separator or ",")) if quoted else text.split(self.separator)
-        fields = [field.strip().strip('"') for field in split]
-        return fields[:-1] if self.padded and len(fields) > 1 and not fields[-1] else fields
+        return [field.strip().strip('"') for field in split]
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """How many there are up to the last that is not empty."""
+    return next((k for k in range(len(cells), 0, -1) if cells[k - 1]), 0)
 
 
 def _is_row(line: str) -> bool:
@@ -172,16 +184,18 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
 
 
 def _from_the_first(layout: _Layout, lines: Sequence[str]) -> _Layout:
-    """The same, with the rows before them whose last cells are empty, where no separator ends each row."""
-    bare = replace(layout, padded=False)
-    rows = [bare.fields(line) for line in lines[layout.lines_before :] if _is_row(line)]
-    width = statistics.mode(map(len, rows))
-    if layout.separator is None or sum(len(row) == width and bool(row[-1]) for row in rows) < 2:
+    """The same with its width, and the rows before that lack their last numbers; separators may end each row."""
+    if layout.separator is None:
         return layout
+    rows = [layout.cells(line) for line in lines[layout.lines_before :] if _is_row(line)]
+    most = statistics.mode(map(len, rows))
     start = layout.lines_before
-    while start and _is_row(lines[start - 1]) and len(row := bare.fields(lines[start - 1])) == width and _numeric(row):
+    while start and _is_row(lines[start - 1]) and len(row := layout.cells(lines[start - 1])) == most and _numeric(row):
         start -= 1
-    return replace(bare, lines_before=start)
+    names = layout.cells(lines[start - 1]) if start else []
+    named = _filled(names) if all(math.isnan(_number(name)) for name in names) else 0
+    width = max(_filled(row) for row in rows if len(row) == most)
+    return replace(layout, lines_before=start, width=max(width, named if named <= most else 0))
 
 
 def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
