@@ -138,6 +138,16 @@ def test_rows_that_are_written_twice(good: tuple[FloatArray, FloatArray]) -> Non
     assert "in every 2. row only" in text
 
 
+def test_a_staircase_of_a_quiet_sensor_is_not_written_several_times() -> None:
+    """Levels that are held for 20 rows, and a sensor of coarse steps without noise: each value is there 20 times."""
+    rng = np.random.Generator(np.random.PCG64(5))
+    levels = np.round(rng.uniform(0.0, 100.0, 150), 1)
+    x = np.repeat(levels, 20)
+    z = np.round(plays(x, (0.0, 10.0, 20.0, 30.0)) @ np.array([0.1, 0.02, 0.02, 0.02]), 2)
+    found = examine(Record.from_arrays(x, z, sample_rate=100.0))
+    assert not any("new value in every" in text for text in found.implausible)
+
+
 def test_some_rows_are_written_twice(good: tuple[FloatArray, FloatArray]) -> None:
     rows = np.sort(np.concatenate([np.arange(T.size), np.arange(20, T.size, 150)]))
     (text,) = examine(Record.from_arrays(*(signal[rows] for signal in good), sample_rate=RATE)).implausible

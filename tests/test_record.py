@@ -527,3 +527,100 @@ def test_units_of_columns_that_white_space_separates(tmp_path: Path) -> None:
         + "\n".join(f"{1e3 * t:.9g} {v:.9g} {1e-3 * z:.9g}" for t, v, z in zip(T, V, Z, strict=True))
     )
     is_the_record(read_record(tmp_path / "a.txt"))
+
+
+@pytest.mark.parametrize("style", [".4f", ".6e", ".0f"])
+def test_a_last_number_that_is_cut_off_is_left_out(tmp_path: Path, style: str) -> None:
+    """A file that ends within its last number: 12.3 of 12.3456 is no measurement; a whole one without a line end is."""
+    z = 1000 + 500 * np.sin(20 * T)
+    rows = "t (s),V (V),z (um)\n" + "\n".join(f"{a:.4f},{b:.6f},{c:{style}}" for a, b, c in zip(T, V, z, strict=True))
+    path = tmp_path / "r.csv"
+    path.write_text(rows)
+    whole = read_record(path)
+    for cut in (1, 2):
+        path.write_text(rows[:-cut])
+        record = read_record(path)
+        assert (record.dropped, whole.dropped) == (1, 0)
+        np.testing.assert_array_equal(record.displacement, whole.displacement[:-1])
+    path.write_text(rows + "\n")
+    assert read_record(path).dropped == 0
+
+
+def test_what_old_c_libraries_write_for_no_number_is_missing(tmp_path: Path) -> None:
+    """-1.#IND was read as -1, before a comment."""
+    path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
+    lines = path.read_text().splitlines()
+    lines[100] = lines[100].rpartition(",")[0] + ",-1.#IND"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(RecordError, match=r"line 101: displacement is missing or no number in '.*-1.#IND'"):
+        read_record(path)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", ";"])
+@pytest.mark.parametrize("missing", [1, 2])
+def test_a_header_belongs_to_rows_that_begin_without_measurement(tmp_path: Path, separator: str, missing: int) -> None:
+    """The names, and with them the units, were lost where the first rows end with empty cells."""
+    rows = [[f"{1e3 * a:.1f}", f"{1e3 * b:.3f}", f"{1e3 * c:.2f}"] for a, b, c in zip(T, V, Z, strict=True)]
+    for row in rows[:4]:
+        row[-missing:] = [""] * missing
+    head = [["time (ms)", "volts (mV)", "z (nm)"]]
+    path = tmp_path / "r.txt"
+    path.write_text("\n".join(map(separator.join, head + rows)) + "\n")
+    record = read_record(path)
+    assert record.dropped == 4
+    np.testing.assert_allclose(record.displacement, Z[4:], atol=1e-5)
+    np.testing.assert_allclose(record.volts, V[4:], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("head", "separator"),
+    [
+        ("time,volts,z,remark\nms,mV,nm,\n", ","),  # a row of units is not complete
+        ("time\tvolts\tz\tremark\n(ms)\t(mV)\t(nm)\t\n", "\t"),
+        ("time (milliseconds),volts (millivolts),z (Nanometers),remark\n", ","),
+        ("Time (ms)  Control voltage (mV)  Measured position (nm)  Row number\n", "  "),  # blanks in names
+    ],
+)
+def test_units_are_read_whatever_stands_beside_them(tmp_path: Path, head: str, separator: str) -> None:
+    record = read_record(
+        text(tmp_path / "r.txt", 1e3 * T, 1e3 * V, 1e3 * Z, np.arange(ROWS), head=head, separator=separator),
+        displacement=3,
+    )
+    is_the_record(record)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", ";"])
+@pytest.mark.parametrize("behind", [1, 2])
+@pytest.mark.parametrize("missing", [0, 1, 3])
+def test_separators_may_end_each_row(tmp_path: Path, separator: str, behind: int, missing: int) -> None:
+    """As of a table that has empty columns behind: the header was lost, or the numbers taken for decimal commas."""
+    z = [""] * missing + [f"{value:.4f}" for value in 1e3 * Z[missing:]]
+    rows = [separator.join([f"{a:.1f}", f"{b:.3f}", c]) for a, b, c in zip(1e3 * T, 1e3 * V, z, strict=True)]
+    lines = [separator.join(["time (ms)", "volts (mV)", "z (nm)"]), *(row + separator * behind for row in rows)]
+    (tmp_path / "r.txt").write_text("\n".join(lines) + "\n")
+    record = read_record(tmp_path / "r.txt")
+    np.testing.assert_allclose(record.displacement, Z[missing:], atol=1e-6)
+    assert record.columns["displacement"].unit == "nm"
+
+
+def test_a_file_of_labview_names_one_column_more_than_it_has(tmp_path: Path) -> None:
+    head = "LabVIEW Measurement\t\nChannels\t2\t\t\n***End_of_Header***\t\t\nX_Value\tPosition\tVoltage\tComment\n"
+    is_the_record(read_record(text(tmp_path / "r.lvm", T, Z, V, head=head, separator="\t")))
+
+
+@pytest.mark.parametrize("between", ["", "\nRun 2\nt,V,z\n"])
+def test_several_runs_in_one_file_are_none(tmp_path: Path, between: str) -> None:
+    """With `drop_bad_rows` all but the first run were left out."""
+    path = text(tmp_path / "r.csv", T, V, Z, head="t,V,z\n")
+    first = path.read_text()
+    path.write_text(first + between + first.partition("\n")[2])
+    with pytest.raises(RecordError, match=r"line \d+: the time starts again, 0 s behind 0.299 s: are several runs"):
+        read_record(path, drop_bad_rows=True)
+
+
+@pytest.mark.parametrize("digits", [1, 2])
+def test_stamps_that_are_too_coarse_ask_for_the_sample_rate(tmp_path: Path, digits: int) -> None:
+    """Of rows with one stamp `drop_bad_rows` would leave all but one out."""
+    path = text(tmp_path / "r.csv", np.floor(T * 10**digits + 1e-9) / 10**digits, V, Z, head="t,V,z\n")
+    with pytest.raises(RecordError, match=r"too coarse; give the `sample_rate`, by them about 1000 Hz$"):
+        read_record(path)

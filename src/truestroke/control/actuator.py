@@ -74,6 +74,9 @@ class ActuatorModel(Displayed, Layout):
         Lowest and highest voltage of the record, V.
     velocity : float
         Fastest motion of the record, um/s.
+    usual_velocity : float
+        Speed that all but a fiftieth of the record's travel has at most, um/s: beyond it the interval grows; 0 is not
+        known.
     tested_frequency : float
         Up to which the record tests the response of the stage, Hz (`tested.frequency`); 0 is not known.
     dynamics : Dynamics or None
@@ -123,6 +126,7 @@ class ActuatorModel(Displayed, Layout):
     rate_scale: float = 0.0
     zero: float = 0.0
     velocity: float = 0.0
+    usual_velocity: float = 0.0
     tested_frequency: float = 0.0
     noise: float = 0.0
     voltage_noise: float = 0.0
@@ -162,6 +166,7 @@ class ActuatorModel(Displayed, Layout):
             "time_constant": checks.within("time_constant", self.time_constant, 0.0, 3600.0, "s"),
             "zero": checks.number("zero", self.zero, "um"),
             "velocity": checks.within("velocity", self.velocity, 0.0, 1e12, "um/s"),
+            "usual_velocity": checks.within("usual_velocity", self.usual_velocity, 0.0, 1e12, "um/s"),
             "tested_frequency": checks.within("tested_frequency", self.tested_frequency, 0.0, 1e12, "Hz"),
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
             "voltage_noise": checks.within("voltage_noise", self.voltage_noise, 0.0, 1e9, "V"),
@@ -460,15 +465,16 @@ class ActuatorModel(Displayed, Layout):
         ::
 
             sqrt(
-                k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 1.96^2 a^2
+                k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 1.96^2 (a^2 + (late s)^2)
                 + 2.45^2 (walk^2 t + (drift t)^2 + creep^2)
             )
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
         predicted velocity, d the distance of the motion from all that the record shows and g its growth (`explored`),
-        a how far `plain` differs from a model with branches beyond their usual difference, t the time since the end of
-        the record: the zero walks and drifts on, at rest, too, and creeps by 1 % of the stroke or more in each tenfold
-        of the record's `duration`.
+        a how far `plain` differs from a model with branches beyond their usual difference, s by how much the motion is
+        faster than `usual_velocity`, late by how much such motion may be late (`interval.of_speed`), t the time since
+        the end of the record: the zero walks and drifts on, at rest, too, and creeps by 1 % of the stroke or more in
+        each tenfold of the record's `duration`.
 
         Parameters
         ----------

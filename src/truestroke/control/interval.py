@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,9 @@ OF_ZERO = 2.45  # the same of the zero, by Student with six degrees of freedom: 
 BEYOND = 0.2  # of the stroke: the deviation of the error at a voltage that is a voltage range beyond the record
 USUAL = 2.5  # standard deviations of the difference between branches and plays in the record: no more is doubted
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
+OF_LAG = 2.0  # deviations of the lag by which motion that is faster than the record may be late
+OF_RESPONSE = 0.15  # of 1 / (2 pi F): the same by a response that the record does not test
+TRAVEL = 0.98  # of a record's travel is no faster than the speed that it shows: one step shows no speed
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
 
@@ -107,6 +111,46 @@ def apart(
     return np.asarray(np.maximum(differs**2 - USUAL**2 * usual, 0.0))
 
 
+def of_speed(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
+    """Variance of the error of motion that is faster than the record shows, um^2, shape (samples,).
+
+    ::
+
+        late^2 s^2,      late^2 = lag^2 + (OF_LAG sigma)^2 + (OF_RESPONSE / (2 pi F))^2
+
+    s is by how much the strain is faster than `model.usual_velocity`, the largest within 1 / F about each sample, for
+    what is late goes on at a turn. F is the frequency up to which the record tests the response; lag the weight, sigma
+    its deviation: the record knows it together with other weights, which make up for it at its own speed alone, and the
+    prediction has no more of it than at the fastest of the record.
+    """
+    usual, F = model.usual_velocity or model.velocity, model.tested_frequency
+    faster = np.maximum(np.abs(central_difference(model.strain(volts, sample_rate), sample_rate)) - usual, 0.0)
+    if not usual or not faster.any():
+        return np.zeros_like(volts)
+    lag = model.columns["lag"]
+    late = np.sum(model.weights[lag] ** 2 + (OF_LAG * model.deviations[lag]) ** 2)
+    if F:
+        from scipy.ndimage import maximum_filter1d
+
+        late += (OF_RESPONSE / (2 * math.pi * F)) ** 2
+        faster = maximum_filter1d(faster, min(math.ceil(sample_rate / F), faster.size), mode="nearest")
+    return np.asarray(late * faster**2)
+
+
+def shown_velocity(velocity: FloatArray) -> float:
+    """The speed that all but a fiftieth of a record's travel has at most, of its velocities, both um/s.
+
+    Examples
+    --------
+    >>> one_step = np.append(np.full(1000, 1.0), 20.0)
+    >>> shown_velocity(one_step), shown_velocity(np.append(one_step, 20.0))
+    (1.0, 20.0)
+    """
+    speed = np.sort(np.abs(velocity))
+    travel = np.cumsum(speed)
+    return float(speed[np.searchsorted(travel, TRAVEL * travel[-1])]) if speed.size else 0.0
+
+
 def half_width(
     model: ActuatorModel,
     volts: FloatArray,
@@ -119,8 +163,8 @@ def half_width(
     The factor of the motion is that of cross-validation; `predicted` as of `apart`.
     """
     motion = model.coverage_factor**2 * of_motion(model, volts, sample_rate)
-    branches = COVERED**2 * apart(model, volts, sample_rate, predicted)
-    return np.asarray(np.sqrt(motion + branches + OF_ZERO**2 * zero))
+    more = apart(model, volts, sample_rate, predicted) + of_speed(model, volts, sample_rate)
+    return np.asarray(np.sqrt(motion + COVERED**2 * more + OF_ZERO**2 * zero))
 
 
 def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:

@@ -35,6 +35,7 @@ KEYS = {
     "zero_um": "zero",
     "voltage_range_V": "voltage_range",
     "velocity_um_per_s": "velocity",
+    "usual_velocity_um_per_s": "usual_velocity",
     "tested_frequency_Hz": "tested_frequency",
     "noise_um": "noise",
     "voltage_noise_V": "voltage_noise",
@@ -46,6 +47,7 @@ KEYS = {
 """Keys of the file's table [model], and the members of `ActuatorModel` that they hold."""
 SINCE = {
     "time_constant_s": 0.0,
+    "usual_velocity_um_per_s": 0.0,
     "tested_frequency_Hz": 0.0,
     "voltage_noise_V": 0.0,
     "walk_um_per_root_s": 0.0,

@@ -34,6 +34,7 @@ KINDS: dict[bytes, tuple[str, tuple[str, ...], str]] = {
 ZIPPED = (".npz", ".xlsx", ".xlsm")
 THOUSANDS = re.compile(r"(?<![\d.,])\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:'\d{3})+(?:[.,]\d+)?)(?![\d.,])")
 EITHER = re.compile(r"(?:^|(?<=[;\t\"]))\s*([+-]?(?:\d+,\d+|\d{1,3}(?:\.\d{3})+))\s*(?=$|[;\t\"])")  # a field alone
+EMPTY = re.compile(r"(;|,|\t|\\t)\s*(;|,|\t|\\t|'?$)")  # a field without a number
 DECIMAL_COMMAS = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?(\s+[+-]?\d+(,\d+)?([eE][+-]?\d+)?)+")
 
 
@@ -116,12 +117,12 @@ def thousands(text: str) -> str:
     "; '1.001,4852' has marks between thousands: export the numbers without"
     >>> thousands('0.25,"1,234"')
     "; '1,234' may have a mark between thousands or a decimal one: export with decimal points, and no other marks"
-    >>> thousands("0.25,5.29,1001.4852")
-    ''
+    >>> thousands("0.25,5.29,1001.4852"), thousands("0.25;1.234;")
+    ('', '')
     """
     if found := THOUSANDS.search(text):
         return f"; {found[0]!r} has marks between thousands: export the numbers without"
-    if either := EITHER.findall(text.strip("'\n").replace("\\t", "\t")):
+    if not EMPTY.search(text) and (either := EITHER.findall(text.strip("'\n").replace("\\t", "\t"))):
         what = "may have a mark between thousands or a decimal one"
         return f"; {either[-1]!r} {what}: export with decimal points, and no other marks"
     return ""

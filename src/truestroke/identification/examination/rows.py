@@ -14,6 +14,7 @@ from truestroke.identification.records.record import Record
 from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise, rounding
 
+STAIRS = 0.04  # of the span, from one value to the next: rows that are there several times of a motion move less
 FEWEST_AGAIN, AGAIN = 5, 0.001  # rows, and of the rows
 STILL = 0.15  # of the median step: where the voltage turns, it moves by less from row to row
 WINDOW, BLOCK = 8, 40  # rows that are compared with all others, and of a block that is a copy
@@ -46,8 +47,9 @@ def _of_copies(record: Record) -> Iterator[str]:
     """Both signals repeat their values in the same rows: each row is there several times, or some rows are."""
     every = repeated(record.displacement)
     if every > 1 and repeated(record.volts) == every:
-        x, z = record.volts, record.displacement
-        if np.mean((np.diff(x) != 0) == (np.diff(z) != 0)) > 0.9:
+        steps, moved = np.abs(np.diff(record.volts)), np.diff(record.displacement)
+        stairs = steps[steps > 0].mean() > STAIRS * np.ptp(record.volts)
+        if not stairs and np.mean((steps != 0) == (moved != 0)) > 0.9:
             yield (
                 f"voltage and displacement have a new value in every {every}. row only: are rows written {every} "
                 f"times, and is the sample rate {every} times too high?"

@@ -93,7 +93,7 @@ class Errors:
 
 
 def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float, strain: FloatArray) -> ActuatorModel:
-    """The model with `jitter`, `explored` and `coverage_factor`.
+    """The model with `usual_velocity`, `jitter`, `explored` and `coverage_factor`.
 
     The factor is the geometric mean of two, with which the interval holds 95 % of two kinds of errors: of later blocks
     than those that were fitted, which is right where the record changes; and of the fit itself, right where motion
@@ -114,7 +114,8 @@ def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float, st
         Of the model, um.
     """
     ahead, fit, been = _errors(model, data, s, weight, strain)
-    model = model.replace(jitter=ahead.jitter(model))
+    usual = interval.shown_velocity(central_difference(strain, data.sample_rate))
+    model = model.replace(jitter=ahead.jitter(model), usual_velocity=min(usual, model.velocity))
     model = model.replace(explored=Explored(been, ahead.growth(model)))
     return model.replace(coverage_factor=math.sqrt(ahead.factor(model) * fit.factor(model)))
 

@@ -23,6 +23,7 @@ from truestroke.signals.recording import Recording
 from truestroke.signals.tables import RecordError, Table
 
 FEWEST_ROWS = 50
+COARSE = 0.2  # of the stamps repeat the one before, or more: rows that were measured would be left out with them
 GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
 
 HEADINGS = {
@@ -48,7 +49,7 @@ HEADINGS = {
         *("przemieszczenie", "перемещение", "смещение", "位移", "変位", "변위"),
     ),
     "time": (
-        *("time", "t", "timestamp", "zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
+        *("time", "t", "timestamp", "x_value", "zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
         *("时间", "時間", "시간"),
     ),
 }
@@ -310,6 +311,7 @@ def _checked(
     _refuse_unreadable_end(source, ends, rows, table)
     time, signals = time[ends], {role: signal[ends] for role, signal in signals.items()}
     table = dataclasses.replace(table, locate=partial(_from, table.locate, ends.start))
+    _refuse_several(source, time, table)
     if drop or table.marked:
         keep = _good_rows({**signals, "time": time})
         time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
@@ -355,6 +357,21 @@ def _good_rows(signals: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_]:
     return np.asarray(good)
 
 
+def _refuse_several(source: str, time: FloatArray, table: Table) -> None:
+    """Where the time starts again for as many rows as a record has: one stamp far ahead of the others is no start."""
+    if not (np.isnan(time).any() or (np.diff(time) < 0).any()):
+        return
+    rows = np.flatnonzero(np.isfinite(time))
+    t = time[rows]
+    for k in np.flatnonzero(np.diff(t) < 0).tolist():
+        if t[k + 1] < t[max(k - 1, 0)] and t[k + 1 : k + 1 + FEWEST_ROWS].max() < t[k] and t.size - k > FEWEST_ROWS:
+            number, _ = table.locate(int(rows[k + 1]))
+            reason = f"the time starts again, {t[k + 1]:.9g} s behind {t[k]:.9g} s: are several runs in one file? Read "
+            raise RecordError(
+                source, f"{reason}each by itself, or give the `sample_rate` if they are one", number, table.where
+            )
+
+
 def _refuse_late_rows(source: str, time: FloatArray, table: Table) -> None:
     """The first row whose time does not ascend, and how many there are."""
     late = np.diff(time) <= 0
@@ -362,7 +379,12 @@ def _refuse_late_rows(source: str, time: FloatArray, table: Table) -> None:
         number, _ = table.locate(first := int(np.argmax(late)) + 1)
         how = "repeats" if time[first] == time[first - 1] else "is earlier than"
         reason = f"time {time[first]:.9g} s {how} that of the row before ({late.sum()} such rows)"
-        reason += "; `drop_bad_rows` leaves them out, or give the `sample_rate` instead of a time column"
+        new = np.flatnonzero(np.diff(time) > 0)
+        if late.mean() > COARSE and new.size > 1:
+            rate = (new[-1] - new[0]) / (time[new[-1] + 1] - time[new[0] + 1])
+            reason += f": the stamps are too coarse; give the `sample_rate`, by them about {rate:.4g} Hz"
+        else:
+            reason += "; `drop_bad_rows` leaves them out, or give the `sample_rate` instead of a time column"
         raise RecordError(source, reason, number, table.where)
 
 

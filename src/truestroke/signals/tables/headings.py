@@ -17,7 +17,15 @@ OTHERS = (
 )
 """Further units, in lower case, that a column is not read in."""
 
-_SPELLINGS = {"V": ("v", "volt", "volts"), "um": ("micron", "microns"), "s": ("sec", "second", "seconds")}
+_LENGTHS = {"um": "micro", "nm": "nano", "mm": "milli", "m": ""}
+_METRES = "meter", "meters", "metre", "metres"
+_SPELLINGS = {
+    **{"V": ("v", "volt", "volts"), "mV": ("millivolt", "millivolts"), "kV": ("kilovolt", "kilovolts")},
+    **{"s": ("sec", "second", "seconds"), "ms": ("msec", "millisecond", "milliseconds")},
+    **{"us": ("usec", "microsecond", "microseconds"), "min": ("minute", "minutes")},
+    **{ours: tuple(part + end for end in _METRES) for ours, part in _LENGTHS.items()},
+}
+_SPELLINGS["um"] += ("micron", "microns", "mikrometer")
 
 
 _CYRILLIC = str.maketrans("\u043c\u043d\u0441\u0412\u043a", "mnsVk")
@@ -28,8 +36,8 @@ def unit(text: str) -> str:
 
     Examples
     --------
-    >>> unit("µm"), unit("Volts"), unit("mV"), unit("мкм")
-    ('um', 'V', 'mV', 'um')
+    >>> unit("µm"), unit("Volts"), unit("mV"), unit("мкм"), unit("Nanometers")
+    ('um', 'V', 'mV', 'um', 'nm')
     """
     text = text.strip().replace("µ", "u").replace("\u03bc", "u").replace("\u043c\u043a", "u").translate(_CYRILLIC)
     return next((usual for usual, others in _SPELLINGS.items() if text.lower() in others), text)
@@ -64,9 +72,11 @@ def names_and_units(last: Sequence[str], before: Sequence[str] = ()) -> tuple[tu
     --------
     >>> names_and_units(["z (nm)", "CH1"]), names_and_units(["[V]", "(um)"], ["drive", "sensor"])
     ((('z', 'CH1'), ('nm', '')), (('drive', 'sensor'), ('V', 'um')))
+    >>> names_and_units(["[V]", ""], ["drive", "row"])
+    (('drive', 'row'), ('V', ''))
     """
     alone = [text.strip("()[] ") for text in last]
-    if before and all(map(is_unit, alone)):
+    if before and any(alone) and all(is_unit(one) if one else name for one, name in zip(alone, before, strict=True)):
         return tuple(before), tuple(map(unit, alone))
     names, units = zip(*map(name_and_unit, last), strict=True)
     return names, units

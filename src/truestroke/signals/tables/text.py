@@ -4,8 +4,9 @@ import csv
 import itertools
 import math
 import re
+import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -29,18 +30,23 @@ DOTTED_DATE = re.compile(
 )  # 31.12.2026 13:45:00,5
 TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
 OF_GCS = re.compile(r"#\s*(NAME\d+|SAMPLE_TIME)\s*=\s*(.*?)\s*$")
+BEFORE = 50  # rows, with which the last number of a text is compared
 SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers."""
+    """How a text is written: encoding, separator (None: white space), decimal comma, lines before the numbers.
+
+    `width`: number of columns, where it is known; cells behind them are empty.
+    """
 
     path: Path
     encoding: str
     separator: str | None
     comma: bool
     lines_before: int
+    width: int = 0
 
     def open(self) -> TextIO:
         return self.path.open(encoding=self.encoding, errors="replace")
@@ -54,11 +60,23 @@ class _Layout:
         return line.replace(",", ".")
 
     def fields(self, line: str) -> list[str]:
-        text = self.plain(line).strip()
+        if not self.width:
+            cells = self.cells(line.strip())
+            return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+        cells = self.cells(line)
+        return cells[: max(self.width, _filled(cells))]
+
+    def cells(self, line: str) -> list[str]:
+        """All of them, those behind the last number, too."""
+        text = self.plain(line).lstrip().rstrip(" \r\n" if self.separator else None)
         quoted = self.separator and '"' in text
         split = next(csv.reader([text], delimiter=self.separator or ",")) if quoted else text.split(self.separator)
-        fields = [field.strip().strip('"') for field in split]
-        return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
+        return [field.strip().strip('"') for field in split]
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """How many there are up to the last that is not empty."""
+    return next((k for k in range(len(cells), 0, -1) if cells[k - 1]), 0)
 
 
 def _is_row(line: str) -> bool:
@@ -153,7 +171,7 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
         fields = layout.fields(line)
         width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
         if width and width == previous:
-            return layout
+            return _from_the_first(layout, lines)
         previous, before = width, number
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
     columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
@@ -165,13 +183,26 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
     raise RecordError(str(path), reason + shown)
 
 
+def _from_the_first(layout: _Layout, lines: Sequence[str]) -> _Layout:
+    """The same with its width, and the rows before that lack their last numbers; separators may end each row."""
+    if layout.separator is None:
+        return layout
+    rows = [layout.cells(line) for line in lines[layout.lines_before :] if _is_row(line)]
+    most = statistics.mode(map(len, rows))
+    start = layout.lines_before
+    while start and _is_row(lines[start - 1]) and len(row := layout.cells(lines[start - 1])) == most and _numeric(row):
+        start -= 1
+    names = layout.cells(lines[start - 1]) if start else []
+    named = _filled(names) if all(math.isnan(_number(name)) for name in names) else 0
+    width = max(_filled(row) for row in rows if len(row) == most)
+    return replace(layout, lines_before=start, width=max(width, named if named <= most else 0))
+
+
 def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units from the line above the numbers, or from two lines: names, then units alone."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip(" \t\r\n#%")]
-    texts = [re.sub(r"^\s*[#%]+", "", line).strip() for _, line in numbered]
-    above = [layout.fields(text) for text in texts]
-    if layout.separator is None and above and len(above[-1]) != width:  # white space also before the unit: z (mm)
-        above[-1] = [field.strip('"') for field in re.split(r"\s+(?![(\[])", texts[-1])]
+    texts = [re.sub(r"^\s*[#%]+", "", line).rstrip("\r\n") for _, line in numbered]
+    above = [_titles(layout, text, width) for text in texts]
     if not above or len(above[-1]) != width:
         return (), ()
     last = above[-1]
@@ -180,6 +211,17 @@ def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tu
         reason = f"{_shown(line)} is neither names nor numbers only; begin such a line with #, or leave it out"
         raise RecordError(str(path), reason, number, "line")
     return names_and_units(last, above[-2] if len(above) > 1 and len(above[-2]) == width else ())
+
+
+def _titles(layout: _Layout, text: str, width: int) -> list[str]:
+    """The cells of a line above `width` columns; LabVIEW names one more, of comments."""
+    fields = layout.fields(text)
+    if len(fields) == width + 1 and fields[-1].lower() in ("", "comment"):
+        return fields[:-1]
+    if layout.separator is None and len(fields) != width:  # white space also before the unit, or in names: drive (mV)
+        ways = (re.split(between, text.strip()) for between in (r"\s+(?![(\[])", r"\s{2,}|\t"))
+        return next(([name.strip('"') for name in names] for names in ways if len(names) == width), fields)
+    return fields
 
 
 def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[FloatArray]:
@@ -197,7 +239,30 @@ def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[Fl
             rows += len(block)
             if not complete and not np.isfinite(block).all():
                 break
+            if _is_cut(layout, lines):
+                table[:, rows - 1] = np.nan
     return list(table[:, :rows])
+
+
+def _is_cut(layout: _Layout, lines: Sequence[str]) -> bool:
+    """Whether a text ends within its last number, as of a program that was ended or a disk that was full.
+
+    No end of a line is behind it, and it has fewer digits than in any row before: behind the point, with an exponent.
+    """
+    if lines[-1].endswith("\n") or not _is_row(lines[-1]):
+        return False
+    last, *before = (layout.fields(line)[-1] for line in list(filter(_is_row, lines))[: -BEFORE - 2 : -1])
+    return bool(before) and _written(last) < min(map(_written, before))
+
+
+def _written(number: str) -> int:
+    """Characters of a number behind its point, or of all of it.
+
+    >>> _written("12.34e-01"), _written("12"), _written("-12")
+    (6, 2, 2)
+    """
+    whole, point, behind = number.partition(".")
+    return len(behind) if point else len(whole.lstrip("+-"))
 
 
 def _count_lines(path: Path) -> int:
@@ -210,6 +275,8 @@ def _parse(lines: Sequence[str], layout: _Layout, columns: Sequence[int]) -> Flo
         lines = list(filter(_is_row, lines))
         if not lines:
             return np.empty((0, len(columns)))
+    if any(".#" in line for line in lines):  # -1.#IND is no number; loadtxt would read -1 before a comment
+        return _parse_slowly(lines, layout, columns)
     plain = map(layout.plain, lines) if layout.comma else lines
     try:
         return np.loadtxt(plain, delimiter=layout.separator, usecols=columns, quotechar='"', ndmin=2)
@@ -268,5 +335,5 @@ def _locate(layout: _Layout, index: int) -> tuple[int, str]:
 
 
 def _shown(line: str) -> str:
-    text = line.strip()
+    text = line.strip(" \r\n")
     return repr(text if len(text) <= 60 else text[:57] + "...")
