@@ -178,6 +178,23 @@ def test_a_motion_from_a_file() -> None:
     assert recording.metadata["command"] == "truestroke track --trajectory move.csv"
 
 
+@pytest.mark.parametrize(
+    ("headings", "remedy"),
+    [
+        ("time (ms);drive (V);sensor (nm)", "which column is position? Head it z (um); there are column 1 'time'"),
+        ("z (nm)", "which column is time? Head it t (s) or give the --sample-rate; there is column 1 'z'"),
+        ("t (s);z (um);desired (um)", "(column 2 'z' (um), column 3 'desired' (um)); keep one of them in the file"),
+    ],
+)
+def test_a_motion_whose_columns_are_not_known_is_refused_with_what_can_be_done(headings: str, remedy: str) -> None:
+    """Python and a configuration name the column; no option of a command does."""
+    row = [f"{k};{k / 10};{k / 20}".split(";")[: headings.count(";") + 1] for k in range(100)]
+    Path("move.csv").write_text("\n".join([headings, *map(";".join, row)]) + "\n")
+    done = call("track", "--trajectory", "move.csv")
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert remedy in done.stderr
+
+
 @pytest.mark.usefixtures("each_picture_once")
 def test_rest_is_a_motion_like_any_other() -> None:
     Path("rest.csv").write_text("\n".join(["0.0"] * 1000))

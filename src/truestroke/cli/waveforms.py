@@ -30,6 +30,11 @@ MOTIONS = {
     "staircase": ("staircase", {"velocity_limit": "velocity_limit", **SHARED}),
     "step": ("step", {"velocity_limit": "velocity_limit", "settle": "settle", **SHARED}),
 }
+COLUMNS = {  # where columns are not known: in place of an argument of Python, the heading, for no option does it
+    "is position? Name it": "is position? Head it z (um)",
+    "is time? Name it": "is time? Head it t (s)",
+    "; name one": "; keep one of them in the file",
+}
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 
 
@@ -79,7 +84,14 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
     arguments = {understood[key]: value for key, value in given.items()}
     if name not in MOTIONS:
         arguments |= {"path": name, **of_file}
-    return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
+    try:
+        return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
+    except truestroke.RecordError as error:
+        for by_argument, by_heading in COLUMNS.items():
+            if by_argument in error.reason:
+                reason = error.reason.replace(by_argument, by_heading)
+                raise truestroke.RecordError(error.source, reason) from None
+        raise
 
 
 # ---- Waveforms -------------------------------------------------------------------------------------------------------

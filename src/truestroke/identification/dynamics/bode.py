@@ -203,8 +203,8 @@ def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
     if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
         level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
         raise DynamicsError(
-            f"the displacement hardly follows the excitation: coherence {level:.2f} from {figures(f[0])} Hz on; {louder}, "
-            "or look at cables and channels"
+            f"the displacement hardly follows the excitation: coherence {level:.2f} from {figures(f[0])} Hz on; "
+            f"{louder}, or look at cables and channels"
         )
     magnitude = np.where(seen, smoothed(np.abs(local.response), 1), 0.0)
     # A second mode with little damping may be higher; that the first is prominent is seen beside it, too.
