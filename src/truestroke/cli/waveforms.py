@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.base import display, files
+from truestroke.base import checks, display, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, inputs
 from truestroke.control import reach
@@ -92,6 +92,13 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
                 reason = error.reason.replace(by_argument, by_heading)
                 raise truestroke.RecordError(error.source, reason) from None
         raise
+
+
+def dynamics_of(file: Path, sample_rate: float) -> truestroke.Dynamics:
+    """Those of --dynamics, of this sample rate, Hz."""
+    found = truestroke.Dynamics.load(file)
+    with checks.inside(f"--dynamics {file}: ", {"dynamics.sample_rate": "sample_rate"}):
+        return found.check_rate(sample_rate)
 
 
 # ---- Waveforms -------------------------------------------------------------------------------------------------------
