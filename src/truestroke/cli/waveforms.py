@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,7 @@ MOTIONS = {
 COLUMNS = {  # where columns are not known: in place of an argument of Python, the heading, for no option does it
     "is position? Name it": "is position? Head it z (um)",
     "is time? Name it": "is time? Head it t (s)",
+    "is volts? Name it": "is volts? Head it volts (V)",
     "; name one": "; keep one of them in the file",
 }
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
@@ -84,13 +86,19 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
     arguments = {understood[key]: value for key, value in given.items()}
     if name not in MOTIONS:
         arguments |= {"path": name, **of_file}
-    try:
+    with by_heading():
         return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
+
+
+@contextmanager
+def by_heading() -> Iterator[None]:
+    """Where the columns of a file are not known, say what heading they need."""
+    try:
+        yield
     except truestroke.RecordError as error:
-        for by_argument, by_heading in COLUMNS.items():
+        for by_argument, heading in COLUMNS.items():
             if by_argument in error.reason:
-                reason = error.reason.replace(by_argument, by_heading)
-                raise truestroke.RecordError(error.source, reason) from None
+                raise truestroke.RecordError(error.source, error.reason.replace(by_argument, heading)) from None
         raise
 
 
