@@ -282,6 +282,14 @@ def test_a_file_of_almost_the_same_name_is_proposed() -> None:
     assert "; did you mean dynamics.toml? See: " in done.stderr
 
 
+def test_of_files_that_differ_in_their_ending_the_one_that_fits_is_proposed() -> None:
+    Path("two.toml").write_text('[driver]\nname = "simulated"\n[[axis]]\n')
+    Path("two.h5").write_bytes(b"\x89HDF\r\n\x1a\n")  # as HDF5 begins
+    for command, ending in (("report", "h5"), ("run --config", "toml")):
+        done = call(*command.split(), "two")
+        assert f"there is no file two in {Path.cwd()}; did you mean two.{ending}?" in done.stderr
+
+
 def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     Path("run.html").mkdir()
     monkeypatch.setattr("truestroke.cli.track._run", lambda *_: pytest.fail("it ran"))
