@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -190,6 +191,20 @@ def test_a_stage_that_goes_too_far_is_stopped_at_the_safe_voltage() -> None:
         measure_bode(soft, **LIMITS, travel=0.3, duration=1.0)
     assert soft.volts[-1] == pytest.approx(0.0, abs=1e-9)
     assert max(np.abs(np.diff(soft.volts))) * 2000.0 <= 504.0
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1], ids=["bad", "refused"])
+def test_a_slew_limit_that_makes_the_excitation_small_is_named_with_what_helps(noise: float) -> None:
+    stage = StagePlant(StageSettings(sample_rate=20_000.0, resonances=(900.0,), noise=noise))
+    try:
+        reasons = " ".join(measure_bode(stage, **LIMITS, slew_limit=10.0, duration=1.0).verdict.reasons)
+    except DynamicsError as error:
+        reasons = str(error)
+    found = re.search(r"raise the slew limit, 10 V/s, which makes the excitation small: up to ([\d.]+) V/s", reasons)
+    assert found, reasons
+    assert "`amplitude`" not in reasons  # which the slew limit does not allow
+    helped = measure_bode(stage, **LIMITS, slew_limit=float(found[1]), duration=1.0)
+    assert not helped.verdict.is_bad
 
 
 @pytest.mark.parametrize(

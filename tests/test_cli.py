@@ -178,6 +178,23 @@ def test_a_motion_from_a_file() -> None:
     assert recording.metadata["command"] == "truestroke track --trajectory move.csv"
 
 
+@pytest.mark.parametrize(
+    ("headings", "remedy"),
+    [
+        ("time (ms);drive (V);sensor (nm)", "which column is position? Head it z (um); there are column 1 'time'"),
+        ("z (nm)", "which column is time? Head it t (s) or give the --sample-rate; there is column 1 'z'"),
+        ("t (s);z (um);desired (um)", "(column 2 'z' (um), column 3 'desired' (um)); keep one of them in the file"),
+    ],
+)
+def test_a_motion_whose_columns_are_not_known_is_refused_with_what_can_be_done(headings: str, remedy: str) -> None:
+    """Python and a configuration name the column; no option of a command does."""
+    row = [f"{k};{k / 10};{k / 20}".split(";")[: headings.count(";") + 1] for k in range(100)]
+    Path("move.csv").write_text("\n".join([headings, *map(";".join, row)]) + "\n")
+    done = call("track", "--trajectory", "move.csv")
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert remedy in done.stderr
+
+
 @pytest.mark.usefixtures("each_picture_once")
 def test_rest_is_a_motion_like_any_other() -> None:
     Path("rest.csv").write_text("\n".join(["0.0"] * 1000))
@@ -263,6 +280,14 @@ def test_a_file_of_almost_the_same_name_is_proposed() -> None:
     done = call("track", "--dynamics", "dynamcs.toml")
     assert "there is no file dynamcs.toml in " in done.stderr
     assert "; did you mean dynamics.toml? See: " in done.stderr
+
+
+def test_of_files_that_differ_in_their_ending_the_one_that_fits_is_proposed() -> None:
+    Path("two.toml").write_text('[driver]\nname = "simulated"\n[[axis]]\n')
+    Path("two.h5").write_bytes(b"\x89HDF\r\n\x1a\n")  # as HDF5 begins
+    for command, ending in (("report", "h5"), ("run --config", "toml")):
+        done = call(*command.split(), "two")
+        assert f"there is no file two in {Path.cwd()}; did you mean two.{ending}?" in done.stderr
 
 
 def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -864,3 +864,15 @@ def test_what_is_learned_in_the_middle_of_the_travel_meets_no_limit(kind):
 def test_far_from_the_noise_two_passes_that_are_no_improvement_do_not_end_it(errors, ends):
     passes = tuple(SimpleNamespace(measured=np.ones(1), rmse=rmse, noise=4.2) for rmse in errors)
     assert learning_module._idle(passes) == ends
+
+
+@pytest.mark.parametrize(
+    "command", ["learn", "export json --sample-rate 10000 --stroke 24 --voltage-limits -0.6 3.6 --output a.json"]
+)
+def test_dynamics_of_another_sample_rate_are_refused_by_their_file(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    dynamics(700.0, rate=20_000.0).save("fast.toml")
+    monkeypatch.setattr(truestroke, "learn", lambda *_, **__: pytest.fail("it moved"))
+    done = CliRunner().invoke(main, [*command.split(), "--dynamics", "fast.toml"])
+    assert done.exit_code == 2
+    assert "--dynamics fast.toml: sample_rate = 20000 Hz: must be 10000 Hz" in done.stderr

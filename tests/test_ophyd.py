@@ -163,3 +163,9 @@ def test_a_fault_of_the_hardware_fails_the_run(engine: Any, axis: Any) -> None:
             {"stop": lambda _, document: found.append(document)},
         )
     assert found[0]["exit_status"] == "fail"
+
+
+@pytest.mark.parametrize("duration", [0.0, -0.01])
+def test_a_point_that_takes_no_time_is_named_with_its_duration(duration):
+    with pytest.raises(SettingError, match=rf"^duration of a point = {duration:g} s: must be above 0 s: 0.005 @ spec"):
+        flights.lines(np.array([0.0]), np.array([1.0]), np.array([duration]), [True])

@@ -669,7 +669,17 @@ def typed(*arguments: str) -> tuple[int, str]:
         (('"pi"', '"pie"'), (), "driver.name = 'pie': must be one of "),
         (("port", "porter"), (), "driver.porter = "),
         (("[driver]", "[driver"), (), "stage.toml: line 1 = '[driver': must be TOML"),
-        (("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"), (), "must be from -20 to 30 V"),
+        (
+            ("voltage_limits = [-20.0, 120.0]", "voltage_limits = [-20.0, 30.0]"),
+            (),
+            "within voltage_limits, from -20 to 30 V: make it for these (`truestroke invert --voltage-limits -20 30`)",
+        ),
+        (("slew = 20000.0", "slew = 12.0"), (), "wave.csv: volts = waveform of "),
+        (
+            ("slew = 20000.0", "slew = 12.0"),
+            (),
+            "no faster than slew, 12 V/s: make it for that (`truestroke invert --slew 12`)",
+        ),
         (("output_range = [-20.0, 120.0]", "output_range = [-30.0, 120.0]"), (), "the controller limits output 1"),
         (("", ""), ("--output", "record.h5"), "a file .csv"),
     ],
@@ -683,7 +693,7 @@ def test_the_command_says_what_is_wrong(bench, fake, change, arguments, message)
 
 def test_a_waveform_that_is_none_is_refused(bench) -> None:
     for rows, message in (
-        ("t,z\n0,1\n1,2\n", "which column is volts"),
+        ("t,z\n0,1\n1,2\n", "which column is volts? Head it volts (V); there are"),
         ("time,volts\n0,1\n1,1\n5,1\n", "as even times are"),
     ):
         Path("wave.csv").write_text(rows)

@@ -215,6 +215,20 @@ def test_a_record_of_something_else_is_refused(volts, displacement, words):
         refine(perfect(), record, waveform=Waveform(volts=made.volts, desired=made.desired, sample_rate=FS))
 
 
+@pytest.mark.parametrize("again", ["the same file", "the same voltage"])
+def test_the_recording_of_an_earlier_pass_is_refused(bench, again):
+    """The next waveform was not output, or not recorded: its correction would be made twice."""
+    actuator, _, model = bench
+    made = waveform(model, WAVE.position, FS, velocity=WAVE.velocity, voltage_limits=LIMITS)
+    records = [Record.from_arrays(made.volts, actuator(made.volts, 100 + k)[1], sample_rate=FS) for k in range(2)]
+    found = refine(model, records[0], waveform=made)
+    made = found.next(voltage_limits=LIMITS)
+    with pytest.raises(SettingError, match=r"the voltage and displacement of pass 1, .* output it, and record again"):
+        refine(found.model, records[again == "the same voltage"], waveform=made)
+    low = 0.99 * made.volts  # a monitor that reads 1 % too little
+    refine(found.model, Record.from_arrays(low, actuator(made.volts, 102)[1], sample_rate=FS), waveform=made)
+
+
 def test_a_record_in_other_units_is_refused():
     measured, model = stack(SWEEP, 1)[1], perfect()
     for volts, displacement in ((1.0, 1000.0), (1.0, 0.001), (1000.0, 1.0), (0.001, 1.0), (1.0, -1.0)):

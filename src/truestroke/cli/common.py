@@ -58,10 +58,11 @@ class ExistingFile(click.Path):
         folder = path.absolute().parent
         if not folder.is_dir():
             self.fail(f"there is no folder {folder}.", param, ctx)
-        others = {one.stem: one.name for one in folder.glob(f"*{path.suffix}") if one.is_file()}
-        near = difflib.get_close_matches(path.stem, others, n=1)
+        others = [one for one in sorted(folder.glob(f"*{path.suffix}")) if one.is_file()]
+        near = difflib.get_close_matches(path.stem, [one.stem for one in others], n=1)
+        meant = inputs.preferred(param, [one for one in others if one.stem in near])
         maker = inputs.MAKERS.get(param.name or "") if param else None
-        remedy = f"; did you mean {others[near[0]]}?" if near else f"; {maker}." if maker else "."
+        remedy = f"; did you mean {meant.name}?" if meant else f"; {maker}." if maker else "."
         self.fail(f"there is no file {path.name} in {folder}{remedy}", param, ctx)
 
 

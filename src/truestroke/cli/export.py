@@ -270,7 +270,7 @@ def _given(options: dict[str, Any]) -> _Asked:
         return _Asked(dataclasses.replace(paper, **slew), options["safe_voltage"], "the paper's controller")
     given |= slew
     if options["dynamics"] is not None:
-        given["dynamics"] = truestroke.Dynamics.load(options["dynamics"])
+        given["dynamics"] = waveforms.dynamics_of(options["dynamics"], options["sample_rate"])
     if options["model"] is None:
         about = "an actuator of {stroke:g} um".format(**given)
         return _Asked(truestroke.AdaptiveController(**given).settings, options["safe_voltage"], about)

@@ -46,6 +46,12 @@ def note(context: click.Context | None, parameter: click.Parameter | None, path:
         context.meta.setdefault(__name__, []).append((parameter, path))
 
 
+def preferred(parameter: click.Parameter | None, paths: list[Path]) -> Path | None:
+    """The first of the files that is of a kind that the parameter takes, else the first one."""
+    fitting = (path for path in paths if parameter is not None and kind_of(path) in _wanted((parameter, path)))
+    return next(fitting, paths[0] if paths else None)
+
+
 def mistaken(context: click.Context) -> str:
     """Which files of the command are of another kind than it takes there, with the remedy; empty where none is."""
     given: list[Given] = context.meta.get(__name__, [])

@@ -72,7 +72,7 @@ def learn(
         options["offset"] = _middle(limits, options["peak_to_peak"])
     wave = _wave(motion, rate, options)
     given = {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
-    given["dynamics"] = options["dynamics"] and truestroke.Dynamics.load(options["dynamics"])
+    given["dynamics"] = options["dynamics"] and waveforms.dynamics_of(options["dynamics"], rate)
     given["model"] = options["model"] and truestroke.usable_model(options["model"], force=options["force"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:

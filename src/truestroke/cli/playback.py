@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 import truestroke
-from truestroke.base import files
+from truestroke.base import checks, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, realtime, waveforms
 
@@ -38,7 +38,8 @@ def playback(
     if Path(output).suffix != ".csv":
         raise click.UsageError(f"--output {output}: is a file .csv.")
     target = common.to_write("--output", output, files.MEASUREMENT)
-    volts, rate = read_waveform(waveform)
+    with waveforms.by_heading():
+        volts, rate = read_waveform(waveform)
     verdict = verdict_of(waveform)
     if verdict.is_bad and not force:
         reasons = " ".join(verdict.reasons)
@@ -47,7 +48,8 @@ def playback(
             f"{waveform}: the verdict of this waveform is bad: {reasons} {remedy}", ExitCode.of(verdict)
         )
     driver, table = configuration.one_axis(config, axis)
-    made = truestroke.playback(driver, volts, rate, **table.limits, rest=rest)
+    with checks.inside(f"{waveform}: "):
+        made = truestroke.playback(driver, volts, rate, **table.limits, rest=rest)
     save_record(target, made)
     found = made.as_dict()
     if as_json:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import truestroke
-from truestroke.base import display, files
+from truestroke.base import checks, display, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, inputs
 from truestroke.control import reach
@@ -29,6 +30,12 @@ MOTIONS = {
     "raster": ("raster", {"frequency": "frequency", "turn": "turn", "settle": "turn", **SHARED}),
     "staircase": ("staircase", {"velocity_limit": "velocity_limit", **SHARED}),
     "step": ("step", {"velocity_limit": "velocity_limit", "settle": "settle", **SHARED}),
+}
+COLUMNS = {  # where columns are not known: in place of an argument of Python, the heading, for no option does it
+    "is position? Name it": "is position? Head it z (um)",
+    "is time? Name it": "is time? Head it t (s)",
+    "is volts? Name it": "is volts? Head it volts (V)",
+    "; name one": "; keep one of them in the file",
 }
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 
@@ -79,7 +86,27 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
     arguments = {understood[key]: value for key, value in given.items()}
     if name not in MOTIONS:
         arguments |= {"path": name, **of_file}
-    return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
+    with by_heading():
+        return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
+
+
+@contextmanager
+def by_heading() -> Iterator[None]:
+    """Where the columns of a file are not known, say what heading they need."""
+    try:
+        yield
+    except truestroke.RecordError as error:
+        for by_argument, heading in COLUMNS.items():
+            if by_argument in error.reason:
+                raise truestroke.RecordError(error.source, error.reason.replace(by_argument, heading)) from None
+        raise
+
+
+def dynamics_of(file: Path, sample_rate: float) -> truestroke.Dynamics:
+    """Those of --dynamics, of this sample rate, Hz."""
+    found = truestroke.Dynamics.load(file)
+    with checks.inside(f"--dynamics {file}: ", {"dynamics.sample_rate": "sample_rate"}):
+        return found.check_rate(sample_rate)
 
 
 # ---- Waveforms -------------------------------------------------------------------------------------------------------

@@ -61,7 +61,7 @@ def lines(lower: FloatArray, upper: FloatArray, duration: FloatArray, gap: Seque
     [Line(start=0.0, end=3.0, points=3, duration=0.3)]
     """
     if not (duration > 0).all():
-        raise SettingError("duration", "0 for a point", "above 0 s: 0.005 @ spec", "s")
+        raise SettingError("duration of a point", f"{duration.min():g}", "above 0 s: 0.005 @ spec", "s")
     turned = np.diff(np.sign(upper - lower), prepend=0.0) != 0
     begins = [k for k, apart in enumerate(gap) if apart or turned[k] or k == 0]
     found = []

@@ -30,6 +30,7 @@ from truestroke.signals.quiet import noise_not_followed, without_noise
 STEPS = 3  # Gauss-Newton
 QUIET = 1e-6  # of the stroke: the least noise, so that weights that a quiet recording does not identify stay
 SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage may be from the one that was put out
+EARLIER = 0.5  # of what the voltage has changed since an earlier pass, and of its motion: a nearer record is of it
 WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
 OTHER = 0.5  # of the deviation of the displacement: a record with a larger residual is not of the model's actuator
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
@@ -172,7 +173,8 @@ def refine(
     Raises
     ------
     SettingError
-        The record is too short, does not hold the waveform, or is not of the model's actuator.
+        The record is too short, does not hold the waveform, is that of a pass before, or is not of the model's
+        actuator.
 
     Examples
     --------
@@ -435,4 +437,15 @@ def _aligned(record: Record, waveform: Waveform) -> tuple[FloatArray, FloatArray
         value = f"a voltage that differs from the waveform's by {off:.3g} V rms"
         bound = f"within {SAME * np.ptp(wanted):.3g} V of it: is it the recording of this waveform, in the same volts?"
         raise SettingError("record", value, bound)
+    _refuse_earlier(x, z, waveform)
     return x, z, fs
+
+
+def _refuse_earlier(x: FloatArray, z: FloatArray, waveform: Waveform) -> None:
+    """SettingError where the record is that of a pass before: its correction would be made twice."""
+    slope = float(np.std(z) / np.std(x))
+    for number, (volts, measured) in enumerate(waveform.passes, 1):
+        changed = _rms(waveform.volts - volts)
+        if _rms(x - volts) < EARLIER * _rms(x - waveform.volts) and _rms(z - measured) < EARLIER * slope * changed:
+            value = f"the voltage and displacement of pass {number}, which the waveform has with it"
+            raise SettingError("record", value, "those of the waveform itself: output it, and record again")

@@ -76,6 +76,8 @@ class SmallMotion:
         As the way to the bias voltage shows it, um/V; NaN if not known.
     latency : int
         Ticks that pass in this loop before a measurement can be used, beside the one until the next command.
+    slew_limit, wanted_slew : float
+        What the voltage was held to, and what the excitation as large as it was to be would need, V/s.
     """
 
     sample_rate: float
@@ -85,6 +87,18 @@ class SmallMotion:
     noise: float = math.nan
     gain: float = math.nan
     latency: int = 0
+    slew_limit: float = math.inf
+    wanted_slew: float = 0.0
+
+    @property
+    def louder(self) -> str:
+        """What makes the stage answer more clearly, in words."""
+        if self.wanted_slew <= self.slew_limit:
+            return "raise `amplitude` or `duration`"
+        return (
+            f"raise the slew limit, {self.slew_limit:g} V/s, which makes the excitation small: up to "
+            f"{figures(self.wanted_slew)} V/s helps"
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -158,7 +172,7 @@ def identify_dynamics(
     known = _sensor(record.excitation.frequency, sensor_delay, sensor_bandwidth)
     local = local_response(U, Y)
     whole = Spectra(record.sample_rate, z.size, record.excitation.frequency, U * known, Y, local.variance)
-    peak = _peak(whole, local)
+    peak = _peak(whole, local, record.louder)
     chosen = _chosen(whole, local, peak)
     made = fits(chosen, peak, _delay(whole, local, peak), modes or 3)
     best = beside_a_lag(_best(made, modes, chosen), made)
@@ -183,14 +197,14 @@ def _sensor(frequency: FloatArray, delay: float, bandwidth: float) -> ComplexArr
     return np.asarray(np.exp(-s * delay) / (1 + s / (2 * np.pi * bandwidth) if bandwidth else 1.0))
 
 
-def _peak(spectra: Spectra, local: LocalResponse) -> float:
+def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
     """Frequency of the first resonance, Hz: of the first peak that is prominent, or where the phase turns by 90 deg."""
     f, seen = spectra.frequency, local.coherence > SEEN_AT_ALL
     if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
         level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
         raise DynamicsError(
-            f"the displacement hardly follows the excitation: coherence {level:.2f} from {figures(f[0])} Hz on; raise "
-            "`amplitude` or `duration`, or look at cables and channels"
+            f"the displacement hardly follows the excitation: coherence {level:.2f} from {figures(f[0])} Hz on; "
+            f"{louder}, or look at cables and channels"
         )
     magnitude = np.where(seen, smoothed(np.abs(local.response), 1), 0.0)
     # A second mode with little damping may be higher; that the first is prominent is seen beside it, too.
@@ -341,7 +355,7 @@ def _judged(dynamics: Dynamics, fit: Fit, whole: Spectra, record: SmallMotion, k
     model = np.asarray(at) * (np.interp(centre, f, known.real) + 1j * np.interp(centre, f, known.imag)) / fit.gain
     first = dynamics.modes[0].frequency
     missed = np.abs(difference - _of_hysteresis(centre, difference, scatter, SPRING * first))
-    trusted, findings = _findings(first, centre, coherence, missed, scatter)
+    trusted, findings = _findings(first, centre, coherence, missed, scatter, record.louder)
     dynamics = _trusted(dynamics, trusted)
     return Bode(
         dynamics=dynamics,
@@ -374,7 +388,7 @@ def _trusted(dynamics: Dynamics, frequency: float) -> Dynamics:
 
 
 def _findings(
-    first: float, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray
+    first: float, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray, louder: str
 ) -> tuple[float, list[tuple[Level, str]]]:
     """Up to which frequency the model is right, and what is not good; `first` is that of the first resonance, Hz."""
     misfit = _together((residual - CERTAIN * scatter > MISFIT) & (f > LOW * first))
@@ -385,7 +399,7 @@ def _findings(
     findings: list[tuple[Level, str]] = []
     if trusted < 0.5 * first:
         reason = f"The model may be trusted to {figures(trusted)} Hz only, the first resonance is at {first:.4g} Hz"
-        findings.append(("bad", f"{reason}: raise `amplitude` or `duration`."))
+        findings.append(("bad", f"{reason}: {louder}."))
     elif trusted < first:
         findings.append(("doubtful", f"The model may be trusted to {figures(trusted)} Hz, below the first resonance."))
     around = misfit & (f < 1.3 * first)

@@ -164,13 +164,14 @@ def measure_bode(
         ticks = round(duration * timing.sample_rate)
         waves = [multisine(timing.sample_rate, ticks, band, corner, peak, seed) for corner in CORNERS]
         wave = _within_slew(waves, timing.sample_rate, slew, amplitude)
+        wanted = fastest(waves[-1].volts, timing.sample_rate) / SPARE
         report("excitation")
         reach = TRAVEL * abs(gain) * (high - low) if travel is None else travel
         z = line.excite(wave, bias, reach)
     report("fitting")
     record = SmallMotion(
         sample_rate=timing.sample_rate, excitation=wave, z=z, bias=bias, noise=noise, gain=gain,
-        latency=timing.latency + timing.block - 1,
+        latency=timing.latency + timing.block - 1, slew_limit=slew, wanted_slew=wanted,
     )  # fmt: skip
     return identify_dynamics(record, modes=modes, sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth)
 

@@ -139,12 +139,16 @@ def playback(
     limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
     if waves.shape[1] < 2:
         raise SettingError("volts", f"array of {waves.shape[1]} samples", "at least two samples", "V")
+    low, high = limits.voltage_limits
     for value in (waves.min(), waves.max()):
-        checks.within("volts", value, *limits.voltage_limits, "V")
+        if not low <= value <= high:
+            bound = f"within voltage_limits, from {low:g} to {high:g} V: make it for these (`truestroke invert"
+            raise SettingError("volts", figures(value, 4), f"{bound} --voltage-limits {low:g} {high:g}`)", "V")
     rate = checks.positive("sample_rate", sample_rate, "Hz")
     fastest = float(np.abs(np.diff(waves)).max()) * rate
     if fastest > limits.slew * (1 + 1e-9):
-        raise SettingError("volts", f"waveform of {figures(fastest, 4)} V/s", f"no faster than slew, {slew:g} V/s")
+        bound = f"no faster than slew, {slew:g} V/s: make it for that (`truestroke invert --slew {slew:g}`)"
+        raise SettingError("volts", f"waveform of {figures(fastest, 4)} V/s", bound)
     calls = ("open", "start", "exchange", "stop", "close")
     checks.able("driver", driver, calls, "a driver, such as drivers.SimulatedDriver; the order is driver, volts")
     before, after = _ways(limits, waves, rate, rest)
