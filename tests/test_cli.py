@@ -529,6 +529,14 @@ def test_the_list_of_commands_has_whole_sentences() -> None:
     assert all(re.search(r"(?<!\.)\.$", sentence) for sentence in sentences), listed
 
 
+def test_a_folder_of_plots_that_cannot_be_made_is_refused_before_the_run(tmp_path) -> None:
+    """Some seconds, or a scan on hardware, came before "No such file or directory"."""
+    (tmp_path / "notes").write_text("")
+    done = CliRunner().invoke(main, ["scan", "--plots", str(tmp_path / "notes" / "plots"), "--rate", "nan"])
+    assert done.exit_code == 1
+    assert f"{tmp_path / 'notes'} is a file; choose another folder." in done.output
+
+
 def test_the_old_name_of_plots_still_works_and_is_hidden() -> None:
     @click.command()
     @plots_option

@@ -317,6 +317,21 @@ def test_an_error_that_grows_is_said_though_it_is_small():
     assert judged(made(noisy(wave()) + 0.3 * grows))[0] == "good"
 
 
+@pytest.mark.parametrize(
+    ("period", "learned", "level"),
+    [(59.47, 0.02, "doubtful"), (59.0, 0.02, "good"), (59.47, 0.2, "good"), (59.47, None, "good")],
+)
+def test_what_does_not_repeat_is_put_down_to_a_period_of_broken_ticks(period, learned, level):
+    """Batches had 0.1 % and the run 1.1 %; where it had grown, the actuator "has changed"."""
+    ticks = np.arange(8000)
+    desired = 10.0 * (1 - np.cos(2 * np.pi * ticks / period))
+    error = np.interp(ticks, [0, 2000], [0.05, 0.3]) * np.sin(2 * np.pi * 5.53 * ticks / period)
+    found = {} if learned is None else {"repetition": {"period_s": period / RATE, "rmse_um": [0.4, learned]}}
+    seen, text = judged(made(noisy(desired) + error, desired=desired, metadata=found))
+    assert ("Take 59 or 60 ticks, 33.8983 or 33.3333 Hz" in text) is (level == "doubtful")
+    assert seen == level or "grew" in text
+
+
 def test_an_error_above_the_resonance_that_was_found_is_said_sooner():
     """The law spoils its learning there; noise, a steady ringing, and an error below the resonance are other things."""
     time, found = np.arange(8000) / RATE, {"resonance": 100.0}

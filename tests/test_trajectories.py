@@ -10,6 +10,7 @@ from scipy import signal
 
 from truestroke import Dynamics, Mode, SettingError
 from truestroke import trajectories as tr
+from truestroke.control import stage as inverting
 from truestroke.control.stage import INVERTED, strain, strain_within
 from truestroke.signals import shaping
 from truestroke.signals.tables import RecordError
@@ -264,6 +265,16 @@ def test_a_step_has_nothing_at_the_zero_between_two_modes():
         needed = np.ptp(strain_within(stiff, position, INVERTED[0])) / 5.0
         assert least < needed < most
         assert np.ptp(strain(stiff, position)) < 2.0 * 5.0
+
+
+def test_the_inverse_of_a_long_motion_is_computed_once_for_all_its_columns(monkeypatch):
+    """As of an hour of lines, whose 1 / G is computed and kept in five parts."""
+    monkeypatch.setattr(inverting, "KEPT", 2**12)
+    inverting._inverse.cache_clear()
+    stiff = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),))
+    for _ in range(3):
+        strain_within(stiff, np.sin(np.arange(20_000) / 500.0), INVERTED[0])
+    assert inverting._inverse.cache_info().misses == 5
 
 
 def test_turns_of_a_raster_leave_no_vibration_on_its_lines():

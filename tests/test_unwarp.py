@@ -147,24 +147,88 @@ def test_one_image_has_no_shift(scan, volts, shown, model):
     assert "no retrace, so nothing shows whether the correction is right" in found.verdict.reasons[0]
 
 
+def mirrored_image(one):
+    return dataclasses.replace(one, data=one.data[:, ::-1])
+
+
+def upside_down(one):
+    return dataclasses.replace(one, data=one.data[::-1])
+
+
 @pytest.mark.parametrize(
-    "other",
+    ("spoil", "words"),
     [
-        lambda one: one.data[:, ::-1],  # both mirrored
-        lambda one: one.data[:, : one.data.shape[0]].T,  # both turned
+        (lambda t, r: (t, mirrored_image(r)), "with the retrace mirrored"),
+        (lambda t, r: (mirrored_image(t), mirrored_image(r)), "exchanged, or both mirrored"),
+        (lambda t, r: (t, upside_down(r)), "with the retrace upside down"),
+        (lambda t, r: (r, t), "with both images exchanged"),
+        (lambda t, r: (t, t), "they are the same image"),
     ],
 )
-def test_images_that_are_not_as_they_were_shown_are_named(other, scan, volts, shown, model):
-    spoilt = {name: dataclasses.replace(one, data=other(one)) for name, one in shown.items()}
-    found = truestroke.unwarp(spoilt, ScanRecord.of(scan, *volts), model)
+def test_images_that_are_not_as_they_were_shown_are_named_by_what_makes_them_agree(
+    spoil, words, scan, volts, shown, model
+):
+    """It said that an image is mirrored or turned, or that the model is not that of the motion, whichever it was."""
+    pair = dict(zip(shown, spoil(shown["trace"], shown["retrace"]), strict=True))
+    found = truestroke.unwarp(pair, ScanRecord.of(scan, *volts), model)
+    assert found.verdict.level != "good"
+    assert words in found.verdict.reasons[0]
+
+
+def test_an_image_that_no_change_makes_agree_is_still_named(scan, volts, shown, model):
+    turned = {name: dataclasses.replace(one, data=one.data[:, :ROWS].T) for name, one in shown.items()}
+    found = truestroke.unwarp(turned, ScanRecord.of(scan, *volts), model)
     assert found.verdict.level == "bad"
     assert "further than before: an image is mirrored or turned" in found.verdict.reasons[0]
+
+
+def test_rows_that_do_not_begin_together_and_a_late_voltage_are_named(scan, volts, shown, model):
+    """Both were "not the model of this motion"."""
+    record = ScanRecord.of(scan, *volts)
+    rolled = dataclasses.replace(shown["retrace"], data=np.roll(shown["retrace"].data, 2, 0))
+    found = truestroke.unwarp({**shown, "retrace": rolled}, record, model)
+    assert "rows of the retrace are 2 off" in found.verdict.reasons[0]
+    for samples, words in ((2, "1 ms too late"), (-2, "1 ms too early")):
+        moved = dataclasses.replace(record, x=np.roll(volts[0], samples))
+        assert words in truestroke.unwarp(shown, moved, model).verdict.reasons[0]
+
+
+def test_a_recording_of_another_area_is_named(scan, volts, shown, model):
+    """Half as high, its image was good."""
+    halved = dataclasses.replace(ScanRecord.of(scan, *volts), y=0.5 * volts[1])
+    found = truestroke.unwarp(shown, halved, model, model)
+    assert found.verdict.level == "doubtful"
+    assert "The image has 18 x 18 um by its file, and 1" in found.verdict.reasons[0]
+    unknown = {name: dataclasses.replace(one, size=one.data.shape[::-1]) for name, one in shown.items()}
+    assert truestroke.unwarp(unknown, halved, model, model).verdict.level == "good"  # a file without a size
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda x, y: (y, x),
+            "x moves by .* um along a line, and by .* um from line to line: it is the voltage of the",
+        ),
+        (lambda x, y: (0 * x, y), "x moves by 0 um along a line"),
+        (lambda x, y: (-x, y), "x goes back by .* um along the trace: the lines or triggers"),
+        (
+            lambda x, y: (1e3 * x, -y),
+            "downwards; flip the image. The voltage of x goes from 0 to .* V, that of the model",
+        ),
+        (lambda x, y: (x, 0 * y + 1), "y does not rise"),
+    ],
+)
+def test_a_voltage_that_is_not_that_of_the_axis_is_named(change, message, scan, volts, shown, model):
+    """They were "no part in common", or "its line is not where the trigger says"."""
+    with pytest.raises(ImageError, match=message):
+        truestroke.unwarp(shown, ScanRecord.of(scan, *change(*volts)), model, model)
 
 
 def test_exchanged_and_turned_images_are_named(scan, volts, shown, model):
     record = ScanRecord.of(scan, *volts)
     found = truestroke.unwarp({"trace": shown["retrace"], "retrace": shown["trace"]}, record, model)
-    assert "the two are exchanged" in found.verdict.reasons[0]
+    assert "exchanged" in found.verdict.reasons[0]
     turned = dataclasses.replace(shown["trace"], data=shown["trace"].data.T)
     with pytest.raises(ImageError, match="the trace has 128 rows, the recording 64 lines of it: it is turned by 90"):
         truestroke.unwarp(turned, record, model)
@@ -178,7 +242,8 @@ def test_exchanged_and_turned_images_are_named(scan, volts, shown, model):
     [
         (lambda r: dataclasses.replace(r, lines=r.lines[2:]), "has 64 rows, the recording 63 lines of it"),
         (lambda r: dataclasses.replace(r, x=r.x[:-2000]), "the last line at .* s: it was cut short"),
-        (lambda r: dataclasses.replace(r, lines=swapped(r.lines)), "goes back by"),
+        (lambda r: dataclasses.replace(r, lines=swapped(r.lines)), "goes back by .* along the trace"),
+        (lambda r: dataclasses.replace(r, lines=in_ms(r.lines)), "or the times of the lines are in another unit"),
     ],
 )
 def test_a_record_that_does_not_fit_is_named(change, message, scan, volts, shown, model):
@@ -218,15 +283,22 @@ def test_a_line_whose_trigger_ends_too_soon_is_named(scan, volts, shown, model):
 def test_a_voltage_beyond_that_of_the_model_is_named(scan, volts, shown, model):
     """As of a monitor of 1:10 that nobody has scaled."""
     found = truestroke.unwarp(shown, ScanRecord.of(scan, 0.1 * volts[0]), model).verdict
-    assert "the gain of a monitor" not in " ".join(found.reasons)  # a smaller scan is none
+    assert "The image has 18 x 18 um by its file, and 1" in found.reasons[0]
+    assert "The voltage" not in " ".join(found.reasons)  # a smaller scan is none
     found = truestroke.unwarp(shown, ScanRecord.of(scan, 10.0 * volts[0]), model).verdict
-    assert "The voltage goes from 0 to 2" in " ".join(found.reasons)
+    assert "The voltage of x goes from 0 to 2" in " ".join(found.reasons)
 
 
 def without(gate, first, count):
     """A gate that misses some of its lines."""
     line = np.cumsum(np.diff(gate, prepend=0) > 0) - 1
     return np.where((line >= first) & (line < first + count), 0, gate)
+
+
+def in_ms(lines):
+    made = lines.copy()
+    made["start"], made["end"] = 1e3 * lines["start"], 1e3 * lines["end"]
+    return made
 
 
 def swapped(lines):

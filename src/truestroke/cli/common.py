@@ -245,10 +245,22 @@ def _permit(context: click.Context, _: click.Parameter, yes: bool) -> None:
         context.with_resource(files.overwriting())
 
 
+def _to_fill(_: click.Context, parameter: click.Parameter, folder: Path | None) -> Path | None:
+    """The folder that an option names; an error now rather than after the run if it can be neither made nor filled."""
+    if folder is not None:
+        there = next(one for one in (folder.absolute(), *folder.absolute().parents) if one.exists())
+        if not there.is_dir() or not os.access(there, os.W_OK):
+            why = "cannot be written" if there.is_dir() else "is a file"
+            raise click.ClickException(f"{parameter.opts[0]} {folder}: {there} {why}; choose another folder.")
+    return folder
+
+
 FOLDER = click.Path(file_okay=False, path_type=Path)
 plots_option = options(
     click.option("--figures", type=FOLDER, hidden=True, is_eager=True, expose_value=False, callback=_as_plots),
-    click.option("--plots", type=FOLDER, metavar="FOLDER", help="Also write each plot as PNG, light and dark."),
+    click.option(
+        "--plots", type=FOLDER, metavar="FOLDER", callback=_to_fill, help="Also write each plot as PNG, light and dark."
+    ),
 )
 overwrite_option = click.option("--overwrite", is_flag=True, expose_value=False, callback=_permit,
                                 help="Replace existing files, of any origin.")  # fmt: skip

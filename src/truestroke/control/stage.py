@@ -382,7 +382,7 @@ def strain_within(dynamics: Dynamics, position: FloatArray, bounds: tuple[float,
     return np.fft.irfft(spectrum, size)[quiet : quiet + position.size].copy()  # without what is around it
 
 
-@functools.lru_cache(maxsize=4)  # of one motion and of those of the axes beside it
+@functools.lru_cache(maxsize=8)  # of one motion and of those of the axes beside it, of 4 million ticks
 def _inverse(
     rate: float,
     modes: tuple[Mode, ...],

@@ -22,22 +22,25 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.reach import inherited
+from truestroke.identification import unwarp_evidence as evidence
+from truestroke.identification.unwarp_evidence import FAR, filled
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
 from truestroke.signals.scans.images import Image, ImageError, shift
 from truestroke.signals.scans.scan import LINE, Scan, table
 from truestroke.signals.tables import UNITS, RecordError, open_table
 
+Area = tuple[tuple[float, float], tuple[float, float]]  # um: lowest and highest x, and y
 DIRECTIONS = {"trace": 1, "retrace": -1}
 FORWARD = {"trace", "forward", "fwd"}  # in the names of images: of microscopes, too
 BACKWARD = {"retrace", "backward", "bwd", "reverse"}
 OPPOSITE = {"start": "end", "end": "start"}
-APART, FAR = 0.3, 3.0  # pixels between trace and retrace after it: beyond them doubtful, bad
+APART = 0.3  # pixels between trace and retrace after it: beyond, and beyond `FAR`, they are doubtful, bad
+OTHER_SIZE = 3.0  # times: an image that is so much larger or smaller than the voltage says is of another scan
 BACK = 1.0  # pixels: a line that goes back further is none
 ODD = 0.05  # of a line: one that lasts so much longer or shorter than the others has lost its trigger
-OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
 LOOSE = 0.1  # of half a sample: by which noise may move an edge further
+OTHER_UNIT = 10.0  # times the length of the recording: lines that last longer have another unit
 SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
-BLOCKS = 8  # of columns, in which trace and retrace are aligned
 HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
 
 
@@ -344,44 +347,103 @@ def unwarp(
         raise SettingError("images", "none", "a trace, or a trace and a retrace")
     for name, image in given.items():
         _check_fit(image, name, record)
-    across, along = _places(given, record, x, record.x), {}
-    if y is not None:
-        if not record.y.size:
-            raise ImageError("the record has no voltage of y: name its column, or leave the model of y out")
-        along = _places(given, record, y, record.y)
-    low = max(float(one.min(axis=1).max()) for one in across.values())
-    high = min(float(one.max(axis=1).min()) for one in across.values())
-    if not low < high:
-        raise ImageError(f"the lines have no part in common: the model predicts {low:.4g} to {high:.4g} um of it")
-    area = (low, high), _rows_area(next(iter(given.values())), along)
-    made = {name: _resampled(image, across[name], along.get(name), area) for name, image in given.items()}
-    if align:
-        made = _aligned(made, given, across, along, area)
-    before, after = (_apart(pair) for pair in (given, made))
-    columns = next(iter(given.values())).data.shape[1]
-    pixel = (high - low) / columns
-    even = low + (np.arange(columns) + 0.5) * pixel
-    moved = max(float(np.abs(one - even).max()) for one in across.values()) / pixel
-    line = record.lines[0]
-    timing = record.jitter * columns / float(line["end"] - line["start"])
+    if y is not None and not record.y.size:
+        raise ImageError("the record has no voltage of y: name its column, or leave the model of y out")
+    axes = [("x", record.x, x), *([] if y is None else [("y", record.y, y)])]
+    hints = [evidence.beyond(name, volts, model.voltage_range) for name, volts, model in axes]
+    try:
+        places = _Places.of(given, record, x, y)
+        unlike, times = evidence.sizes(places.seen, places.size)
+        hints.append(unlike)
+        made = _aligned(given, places) if align else places.corrected(given)
+        before, after = (_apart(pair) for pair in (given, made))
+    except ImageError as error:
+        raise ImageError(". ".join(words for words in (str(error), *hints) if words)) from None
+    speed = places.seen.data.shape[1] / float(record.lines["end"][0] - record.lines["start"][0])
+    timing = record.jitter * speed
     findings: list[tuple[Level, str]] = [
         one for model in (x, y) if model and model.verdict.is_bad for one in inherited(model)
     ]
-    findings += [("doubtful", words) for words in (_beyond(record, x),) if words]
-    verdict = Verdict.of([*findings, *_findings(before, after, timing, made)])
-    return Unwarped(images=made, before=before, after=after, moved=moved, timing=timing, verdict=verdict)
+    findings += [("bad" if times > OTHER_SIZE else "doubtful", words) for words in hints if words]
+    far = after is not None and float(np.hypot(*after)) > APART
+    why = evidence.why_apart(given, made, places.corrected, after, speed, APART) if after and far else ""
+    verdict = Verdict.of([*findings, *_findings(before, after, timing, made, why)])
+    return Unwarped(images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where the pixels of each image are by the voltage, um, and the area that all lines have.
+
+    Attributes
+    ----------
+    seen : Image
+        The first of them.
+    across, along : Mapping[str, ndarray], shape (rows, columns)
+        x and y of each pixel, um; y is empty where its rows are even.
+    area : tuple
+        Lowest and highest x, and y, um.
+    """
+
+    seen: Image
+    across: Mapping[str, FloatArray]
+    along: Mapping[str, FloatArray]
+    area: Area
+
+    @classmethod
+    def of(cls, given: Mapping[str, Image], record: ScanRecord, x: ActuatorModel, y: ActuatorModel | None) -> _Places:
+        across = _places(given, record, x, record.x)
+        along = {} if y is None else _places(given, record, y, record.y)
+        seen = next(iter(given.values()))
+        return cls(seen, across, along, (_common(across), _rows_area(seen, along)))
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, um."""
+        (left, right), (low, high) = self.area
+        return right - left, high - low
+
+    @property
+    def moved(self) -> float:
+        """Largest distance of a pixel from where it is shown, pixels."""
+        columns = self.seen.data.shape[1]
+        pixel: float = self.size[0] / columns
+        even = self.area[0][0] + (np.arange(columns) + 0.5) * pixel
+        return max(float(np.abs(one - even).max()) for one in self.across.values()) / pixel
+
+    def corrected(self, images: Mapping[str, Image]) -> dict[str, Image]:
+        """At even places."""
+        return {
+            name: _resampled(image, self.across[name], self.along.get(name), self.area)
+            for name, image in images.items()
+        }
+
+
+def _common(across: Mapping[str, FloatArray]) -> tuple[float, float]:
+    """Lowest and highest x, um, of the part that all lines have."""
+    if why := evidence.no_lines(across):
+        raise ImageError(why)
+    low = max(float(one.min(axis=1).max()) for one in across.values())
+    high = min(float(one.max(axis=1).min()) for one in across.values())
+    if not low < high:
+        raise ImageError(
+            f"the lines have no part in common: by its voltage x begins one at {low:.4g} um, and ends another at "
+            f"{high:.4g} um: they are the lines of another scan, or their times are not those of the recording's "
+            "sample rate"
+        )
+    return low, high
 
 
 def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
     """The record has a line for each row, and goes on to the end of the last one."""
     lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
     if lines.size != (rows := image.data.shape[0]):
-        turned = lines.size == image.data.shape[1]
-        why = "it is turned by 90 degrees" if turned else _other_count(lines, rows)
+        why = evidence.other_count(lines, image.data.shape, SKIPPED)
         raise ImageError(f"the {name} has {rows} rows, the recording {lines.size} lines of it: {why}")
     end, last = record.x.size / record.sample_rate, float(lines["end"].max())
     if last > end + 1 / record.sample_rate:
-        raise ImageError(f"the recording ends at {end:.4g} s, the last line at {last:.4g} s: it was cut short")
+        unit = ", or the times of the lines are in another unit" if last > OTHER_UNIT * end else ""
+        raise ImageError(f"the recording ends at {end:.4g} s, the last line at {last:.4g} s: it was cut short{unit}")
 
     lasts = lines["end"] - lines["start"]
     usual = float(np.median(lasts))
@@ -391,37 +453,6 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
         raise ImageError(
             f"line {number} of the {name} lasts {period:.4g} s, the others {usual:.4g} s: its trigger is damaged"
         )
-
-
-def _beyond(record: ScanRecord, model: ActuatorModel) -> str:
-    """In a sentence, a voltage that the record of the model does not have; empty where there is none."""
-    (low, high), (least, most) = model.voltage_range, (float(record.x.min()), float(record.x.max()))
-    if max(low - least, most - high) <= OUTSIDE * (high - low):
-        return ""
-    return (
-        f"The voltage goes from {least:.3g} to {most:.3g} V, that of the model's record from {low:.3g} to "
-        f"{high:.3g} V: is its unit right, and the gain of a monitor?"
-    )
-
-
-def _other_count(lines: npt.NDArray[np.void], rows: int) -> str:
-    """Why a recording has not as many lines as rows, as far as their times show it."""
-    if not lines.size:
-        return "its trigger is missing, or is that of the other direction"
-    if lines.size > rows:
-        return "the image is of another scan or has lost rows, or the trigger is another signal"
-    apart = np.diff(lines["start"])
-    period = float(np.median(apart)) if apart.size else 0.0
-    gaps = np.flatnonzero(apart > SKIPPED * period)
-    if gaps.size:
-        begin, again = lines["start"][gaps[0] : gaps[0] + 2]
-        missing = round(float(np.sum(apart[gaps] / period - 1)))
-        return f"triggers are missing, {missing} of them, the first ones between {begin:.4g} and {again:.4g} s"
-    first, last = lines["start"][0], lines["end"][-1]
-    return (
-        f"it was cut short, so that lines before {first:.4g} s or behind {last:.4g} s are missing, or the image is of "
-        "another scan"
-    )
 
 
 def _places(
@@ -438,9 +469,6 @@ def _places(
         part = part if DIRECTIONS[name] > 0 else 1 - part
         made[name] = np.asarray(predicted(lines["start"][:, None] + part * (lines["end"] - lines["start"])[:, None]))
     return made
-
-
-Area = tuple[tuple[float, float], tuple[float, float]]
 
 
 def _rows_area(image: Image, along: Mapping[str, FloatArray]) -> tuple[float, float]:
@@ -493,46 +521,22 @@ def _between(places: FloatArray, known: FloatArray, values: FloatArray) -> Float
     return np.where(np.abs(inside - places) <= step, made, np.nan)
 
 
-def _aligned(
-    made: dict[str, Image],
-    given: Mapping[str, Image],
-    across: dict[str, FloatArray],
-    along: Mapping[str, FloatArray],
-    area: Area,
-) -> dict[str, Image]:
+def _aligned(given: Mapping[str, Image], places: _Places) -> dict[str, Image]:
     """With half of what separates trace and retrace in each block of columns added to the places of both."""
+    made = places.corrected(given)
     if len(made) < 2:
         raise ImageError("there is only one image: `align` needs trace and retrace")
-    columns = made["trace"].data.shape[1]
-    half = max(columns // BLOCKS, 8)
-    centres, apart = [], []
-    for centre in range(half, max(columns - half, half) + 1, half):
-        part = slice(centre - half, centre + half)
-        blocks = [
-            dataclasses.replace(_filled(made[name]), data=_filled(made[name]).data[:, part]) for name in DIRECTIONS
-        ]
-        apart.append(shift(*blocks)[0])
-        centres.append(centre)
-    (left, right), _ = area
-    pixel = (right - left) / columns
-    moved = {}
-    for name, image in given.items():
-        column = (across[name] - left) / pixel
-        by = 0.5 * DIRECTIONS[name] * pixel * np.interp(column, centres, apart)
-        moved[name] = _resampled(image, across[name] + by, along.get(name), area)
-    return moved
-
-
-def _filled(image: Image) -> Image:
-    """Without gaps: their rows and columns are those of an edge."""
-    data = image.data
-    return (
-        image if np.all(np.isfinite(data)) else dataclasses.replace(image, data=np.where(np.isfinite(data), data, 0.0))
-    )
+    centres, apart = evidence.in_blocks(made["trace"], made["retrace"])
+    left, pixel = places.area[0][0], places.size[0] / places.seen.data.shape[1]
+    across = {}
+    for name, x in places.across.items():
+        by = 0.5 * DIRECTIONS[name] * pixel * np.interp((x - left) / pixel, centres, apart)
+        across[name] = x + by
+    return dataclasses.replace(places, across=across).corrected(given)
 
 
 def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
-    return shift(*(_filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
+    return shift(*(filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
 
 
 def _findings(
@@ -540,13 +544,14 @@ def _findings(
     after: tuple[float, float] | None,
     timing: float,
     images: Mapping[str, Image],
+    why: str,
 ) -> list[tuple[Level, str]]:
     findings: list[tuple[Level, str]] = []
     if before is None or after is None:
         findings.append(("doubtful", "There is no retrace, so nothing shows whether the correction is right: give it."))
     elif (apart := float(np.hypot(*after))) > APART:
         level: Level = "bad" if apart > FAR else "doubtful"
-        findings.append((level, _still(apart, abs(after[0]) > abs(before[0]), timing)))
+        findings.append((level, _still(apart, abs(after[0]) > abs(before[0]), timing, why)))
     if timing > APART:
         text = (
             f"The trigger places a line to half a sample, {timing:.2g} pixels: record faster, or give a table of lines."
@@ -558,15 +563,18 @@ def _findings(
     return findings
 
 
-def _still(apart: float, farther: bool, timing: float) -> str:
+def _still(apart: float, farther: bool, timing: float, why: str) -> str:
     """Why trace and retrace are still so many pixels apart, in a sentence; `farther`: across, than before."""
+    by_trigger = apart < 2 * timing  # half a sample of both
+    if why and not by_trigger:
+        return f"Trace and retrace are {apart:.2g} pixels apart: {why}."
     if farther and apart > FAR:
         return (
             f"Trace and retrace are {apart:.2g} pixels apart, further than before: an image is mirrored or turned, "
             "the two are exchanged, or the model is that of another axis."
         )
     why = "the model is not that of this motion. Identify it from a record of the scan's own lines"
-    if apart < 2 * timing:  # half a sample of both
+    if by_trigger:
         why = "the trigger leaves as much open. Give a table of lines"
     return f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."
 

@@ -10,6 +10,7 @@ from truestroke.base.flags import FLAGS
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.report import units
+from truestroke.signals import judgement
 from truestroke.signals.judgement import change_time
 from truestroke.signals.judgement import settings as _settings
 from truestroke.signals.metrics import TrackingSummary
@@ -185,10 +186,7 @@ def _recovered(summary: TrackingSummary, change: float) -> str:
 
 def repeated(recording: Recording) -> list[tuple[str, str]]:
     """The row of what was learned of a motion that repeats; none where nothing was."""
-    learned = recording.metadata.get("repetition") or {}
-    if "axis" in recording.metadata:  # of a run in real time: by the name of the axis
-        learned = learned.get(recording.metadata["axis"]["name"]) or {}
-    errors, period = learned.get("rmse_um", []), learned.get("period_s", 0.0)
+    period, errors = judgement.repetition(recording)
     if not errors:
         return []
     of_period = f"of the period of {1e3 * period:.4g} ms"

@@ -31,6 +31,7 @@ TINY = 1e-12  # V
 REPEATS = 20  # periods of a motion at least, for the answer of the actuator to its voltage at that frequency
 HIDDEN = 0.2  # of the peak-to-peak: with more noise, and few samples, a motion is not seen
 GREW, MATTERS = 3.0, 0.25  # times the error that was; of what is tolerable: an error that grew by so much, to so much
+UNEVEN = 0.02  # of a tick: a period that is further from a whole number of them has other samples each time
 AS_FAST = 1.2  # times the speed that was, at most: a motion that becomes faster has a larger error anyway
 AS_MANY = 0.8  # of the ticks that count at the end, at least: what was before they counted is not known
 BEYOND = (1.5, 4.0)  # times the resonance that was found: where a second mode is
@@ -66,6 +67,14 @@ def summary(recording: Recording) -> TrackingSummary:
     """The metrics of a recording, which knows its stroke, and when its actuator changed."""
     stroke = _positive(settings(recording, "controller").get("stroke"))
     return metrics.summary(recording, change=change_time(recording), stroke=stroke)
+
+
+def repetition(recording: Recording) -> tuple[float, list[float]]:
+    """What was learned of motion that repeats: its period, s, and the rms of each batch, um; 0 and none if nothing."""
+    learned = recording.metadata.get("repetition") or {}
+    if "axis" in recording.metadata:  # of a run in real time: by the name of the axis
+        learned = learned.get(recording.metadata["axis"]["name"]) or {}
+    return learned.get("period_s", 0.0), learned.get("rmse_um", [])
 
 
 def _positive(value: object) -> float | None:
@@ -603,6 +612,28 @@ def _beyond_resonance(run: _Run) -> Finding | None:
     )
 
 
+def _between_periods(run: _Run) -> Finding | None:
+    """An error that is another one in each period of a motion whose period is no whole number of ticks."""
+    period, errors = repetition(run.recording)
+    time, windows = run.recording["time"], run.windows()
+    if not errors or windows.size < 4:
+        return None
+    rate = float((time.size - 1) / (time[-1] - time[0]))
+    ticks = period * rate
+    if abs(ticks - round(ticks)) < UNEVEN:
+        return None
+    last = float(np.median(windows[-(windows.size // 4) :]))
+    if last <= max(GREW * errors[-1], MATTERS * run.tolerable):
+        return None
+    below, above = int(ticks), int(ticks) + 1
+    return "doubtful", (
+        f"The error is {last:.3g} um rms, and what of it repeats from period to period, which is learned, is "
+        f"{errors[-1]:.3g} um: the period of {ticks:.4g} ticks is no whole number, so that each one has its turns "
+        f"between other ticks. Take {below} or {above} ticks, {rate / below:.6g} or {rate / above:.6g} Hz, or turns "
+        "that last longer."
+    )
+
+
 def _quarters(values: npt.NDArray[Any], ticks: int) -> npt.NDArray[Any]:
     """The end of each quarter, so many ticks long."""
     quarter = values.size // 4
@@ -613,6 +644,8 @@ def _grew(run: _Run) -> Finding | None:
     """An error that grows while the motion stays as it is: the median of the last quarter of the run, beside others."""
     if beyond := _beyond_resonance(run):
         return beyond  # which says more
+    if _between_periods(run):
+        return None
     windows = run.windows()
     quarter = windows.size // 4
     if quarter < 2:
@@ -649,6 +682,7 @@ CHECKS: Sequence[Check] = (
     _restored,
     _unsettled,
     _burst,
+    _between_periods,
     _grew,
     _slewed,
     _alarmed,

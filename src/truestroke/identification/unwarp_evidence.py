@@ -1,0 +1,189 @@
+"""Why an image and the recording of its voltages do not fit, by what both of them show, each in words."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from truestroke.base.typing import FloatArray
+from truestroke.signals.scans.images import Image, shift
+
+FAR = 3.0  # pixels between trace and retrace: beyond, they are further apart than a wrong model makes them
+OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
+UNLIKE = 1.5  # times: how large an image is by its file, and by the voltage
+ALIKE = 0.8  # correlation of two images of the same thing
+UNIFORM = 0.25  # of a shift: one that varies less along a line is the same everywhere
+BLOCKS = 8  # of columns, in which trace and retrace are compared
+WAY = 0.5  # of what a line covers: one that ends so far behind its start goes back
+ACROSS = 0.1  # of the way from line to line: an axis that moves less along a line is the slow one
+MISTAKES: tuple[tuple[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]], ...] = (
+    ("the retrace mirrored, as it is where it is stored in the order of time", lambda t, r: (t, r[:, ::-1])),
+    ("the trace mirrored", lambda t, r: (t[:, ::-1], r)),
+    ("both images exchanged, or both mirrored", lambda t, r: (r, t)),  # of a loop that is symmetric the same
+    ("the retrace upside down", lambda t, r: (t, r[::-1])),
+    ("both images turned by 90 degrees", lambda t, r: (t.T, r.T)),
+)
+
+
+# ---- Voltages and lines ----------------------------------------------------------------------------------------------
+
+
+def beyond(axis: str, volts: FloatArray, known: tuple[float, float]) -> str:
+    """A voltage that the record of the model does not have; empty where there is none."""
+    (low, high), (least, most) = known, (float(volts.min()), float(volts.max()))
+    if max(low - least, most - high) <= OUTSIDE * (high - low):
+        return ""
+    return (
+        f"The voltage of {axis} goes from {least:.3g} to {most:.3g} V, that of the model's record from {low:.3g} to "
+        f"{high:.3g} V: is its unit right, and the gain of a monitor?"
+    )
+
+
+def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: float) -> str:
+    """Why a recording has not as many lines as the image has rows, as far as their times show it."""
+    rows, columns = shape
+    if lines.size == columns:
+        return "it is turned by 90 degrees" + (", or has lost rows" if rows > 0.9 * columns else "")
+    if not lines.size:
+        return "its trigger is missing, or is that of the other direction"
+    if lines.size > rows:
+        return "the image is of another scan or has lost rows, or the trigger is another signal"
+    apart = np.diff(lines["start"])
+    period = float(np.median(apart)) if apart.size else 0.0
+    gaps = np.flatnonzero(apart > skipped * period)
+    if gaps.size:
+        begin, again = lines["start"][gaps[0] : gaps[0] + 2]
+        missing = round(float(np.sum(apart[gaps] / period - 1)))
+        return f"triggers are missing, {missing} of them, the first ones between {begin:.4g} and {again:.4g} s"
+    first, last = lines["start"][0], lines["end"][-1]
+    return (
+        f"it was cut short, so that lines before {first:.4g} s or behind {last:.4g} s are missing, or the image is of "
+        "another scan"
+    )
+
+
+def no_lines(places: Mapping[str, FloatArray]) -> str:
+    """Why these places, um, shape (rows, columns), from the left to the right, are no lines; empty where they are."""
+    for name, x in places.items():
+        along = float(np.median(x[:, -1] - x[:, 0]))
+        moved, rows = float(np.median(np.ptp(x, axis=1))), float(np.ptp(x.mean(axis=1)))
+        if moved <= ACROSS * rows or moved == 0.0:
+            return (
+                f"by its voltage x moves by {moved:.3g} um along a line, and by {rows:.3g} um from line to line: it is "
+                "the voltage of the slow axis, or of no scan"
+            )
+        if along < -WAY * moved:
+            return (
+                f"by its voltage x goes back by {-along:.3g} um along the {name}: the lines or triggers of trace and "
+                "retrace are exchanged, or the voltage has the wrong sign"
+            )
+    return ""
+
+
+def sizes(image: Image, predicted: tuple[float, float]) -> tuple[str, float]:
+    """An image that is much larger or smaller than the voltage says, and how many times; empty where it is not."""
+    if image.pixel == (1.0, 1.0):
+        return "", 1.0  # as of a file without a size
+    times = max(max(one / other, other / one) for one, other in zip(image.size, predicted, strict=True))
+    if times <= UNLIKE:
+        return "", times
+    shown, found = (" x ".join(f"{one:.3g}" for one in size) for size in (image.size, predicted))
+    return (
+        f"The image has {shown} um by its file, and {found} um by the voltage and the model: is the voltage that of "
+        "this scan and axis, its unit right, and the gain of a monitor?"
+    ), times
+
+
+# ---- Trace and retrace -----------------------------------------------------------------------------------------------
+
+
+def in_blocks(trace: Image, retrace: Image) -> tuple[list[int], list[float]]:
+    """Middle columns of blocks, and by how many pixels the retrace is displaced across in each."""
+    columns = trace.data.shape[1]
+    half = max(columns // BLOCKS, 8)
+    centres = list(range(half, max(columns - half, half) + 1, half))
+    parts = [slice(centre - half, centre + half) for centre in centres]
+    both = filled(trace), filled(retrace)
+    apart = [shift(*(dataclasses.replace(one, data=one.data[:, part]) for one in both))[0] for part in parts]
+    return centres, apart
+
+
+def filled(image: Image) -> Image:
+    """Without gaps: their rows and columns are those of an edge."""
+    data = image.data
+    known = np.isfinite(data)
+    return image if known.all() else dataclasses.replace(image, data=np.where(known, data, 0.0))
+
+
+def why_apart(
+    given: Mapping[str, Image],
+    made: Mapping[str, Image],
+    again: Callable[[Mapping[str, Image]], Mapping[str, Image]],
+    apart: tuple[float, float],
+    speed: float,
+    near: float,
+) -> str:
+    """Why trace and retrace are so many pixels apart, as far as the images show it.
+
+    Parameters
+    ----------
+    given, made : Mapping[str, Image]
+        "trace" and "retrace", before and after the correction.
+    again : callable
+        Corrects others by the same places.
+    apart : tuple[float, float]
+        Pixels in x and y.
+    speed : float
+        Of a line, pixels per second.
+    near : float
+        Pixels by which two images that agree may be apart.
+    """
+    if np.array_equal(given["trace"].data, given["retrace"].data):
+        return "they are the same image. Give that of the other direction"
+    if not _are_alike(made["trace"], made["retrace"]) and (words := _mistake(given, again, near)):
+        return words
+    if (rows := round(apart[1])) and _are_alike(made["trace"], _raised(made["retrace"], -rows)):
+        return f"rows of the retrace are {abs(rows)} off, as where one of the two has lost a row"
+    return _late(made, apart[0], speed)
+
+
+def _raised(image: Image, rows: int) -> Image:
+    return dataclasses.replace(image, data=np.roll(image.data, rows, axis=0))
+
+
+def _are_alike(one: Image, other: Image) -> bool:
+    """Whether they show the same at the same places."""
+    return float(np.corrcoef(filled(one).data.ravel(), filled(other).data.ravel())[0, 1]) > ALIKE
+
+
+def _mistake(
+    given: Mapping[str, Image], again: Callable[[Mapping[str, Image]], Mapping[str, Image]], near: float
+) -> str:
+    trace, retrace = given["trace"], given["retrace"]
+    found = []
+    for words, changed in MISTAKES:
+        data = changed(trace.data, retrace.data)
+        if {one.shape for one in data} != {trace.data.shape}:
+            continue
+        first, second = (dataclasses.replace(trace, data=one) for one in data)
+        made = list(again({"trace": first, "retrace": second}).values())
+        apart = float(np.hypot(*shift(*map(filled, made))))
+        if apart <= near and _are_alike(*made):
+            found.append((apart, words))
+    return f"they are {min(found)[0]:.1g} pixels apart with {min(found)[1]}. Change the file" if found else ""
+
+
+def _late(made: Mapping[str, Image], across: float, speed: float) -> str:
+    """A shift that is the same along the whole line is one of time."""
+    _, apart = in_blocks(made["trace"], made["retrace"])
+    if np.ptp(apart) > UNIFORM * abs(across):
+        return ""
+    by = 500.0 * across / speed
+    return (
+        f"by the same along the whole line, as if the voltage was recorded {abs(by):.2g} ms too "
+        f"{'late' if by > 0 else 'early'}, or the model is not that of this motion. Move the lines by as much, or "
+        "identify it from a record of the scan's own lines, or share the shift by `align`"
+    )
