@@ -145,6 +145,8 @@ def test_what_the_record_never_showed_is_told():
     (fast,) = straight().beyond(x, 2000.0).velocity  # ten times as fast, of 100 um/s
     assert fast.worst == pytest.approx(300.0, rel=0.02)
     assert (fast.start, fast.stop) == pytest.approx((0.05, 0.1), abs=2e-3)
+    same = straight().replace(velocity=40.4)  # a record whose text was rounded: its own speed is not beyond it
+    assert same.beyond(x, 200.0).velocity == ()
     assert found.frequency == ()  # of a model that does not know what its record tests
     (below,) = straight().beyond([0.1, -0.3, 0.1], 10.0).voltage
     assert (below.start, below.stop, below.worst) == (0.1, 0.2, 0.3)

@@ -606,3 +606,22 @@ def test_whether_a_motion_is_too_fast_is_found_once(monkeypatch: pytest.MonkeyPa
     wave = 10.0 * np.sin(2 * np.pi * 20.0 * np.arange(4000) / RATE)
     assert judge(made(noisy(-wave), wave, volts=0.1 * wave)).level == "bad"
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "known", "off", "said"),
+    [
+        (90.0, 90.0, 1.5, "resonance = 90 Hz, and nothing has shown it"),
+        (90.0, 900.0, 1.5, "resonance = 90 Hz, and the measurements showed 900 Hz"),
+        (90.0, 90.0, 0.01, ""),
+    ],
+)
+def test_a_resonance_that_was_given_is_named_where_the_motion_is_not_followed(given, known, off, said) -> None:
+    desired = wave(4 * int(RATE))
+    settings = {"name": "AdaptiveController", "settings": {"stroke": 30.0, "resonance": given}}
+    found = judge(
+        made(desired + off * np.sin(np.arange(desired.size)), desired, {"controller": settings, "resonance": known})
+    )
+    reasons = " ".join(found.reasons)
+    assert said in reasons
+    assert ("resonance =" in reasons) is bool(said)

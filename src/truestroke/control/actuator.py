@@ -37,6 +37,7 @@ DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviatio
 ALIKE = 4.0  # times the noise of the record's voltage, or over it: that of the same measurement
 OTHER_VOLTS = 0.1, 8.0  # times the voltage range of the record: limits beyond are those of another place or unit
 OTHER_STAGE = 1.5  # times the first resonance of the record, or less: loads and temperature move it by less
+ROUNDED = 1e-3  # of the fastest motion of the record: one that is faster by less is that motion, rounded
 
 EXPECTED = "an ActuatorModel, such as of truestroke.load_model(path) or identify(record).model"
 
@@ -657,7 +658,7 @@ class ActuatorModel(Displayed, Layout):
         above = tested.above(self._moved(strain, fs), fs, self.tested_frequency)
         return Beyond(
             voltage=spans(np.maximum(x - high, low - x), fs),
-            velocity=spans(speed - self.velocity, fs),
+            velocity=spans(speed - (1 + ROUNDED) * self.velocity, fs),
             frequency=spans(above - tested.SEEN * self.noise, fs, above),
             tested_frequency=self.tested_frequency,
         )

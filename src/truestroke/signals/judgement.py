@@ -482,6 +482,18 @@ def _elsewhere(run: _Run) -> Finding | None:
     )
 
 
+def _assumed(run: _Run) -> Finding | None:
+    """Whether a resonance that was given may be that of another stage, where the motion is not followed."""
+    given, known = _positive(settings(run.recording, "controller").get("resonance")), _known_resonance(run.recording)
+    if not given or not known or run.rmse <= run.tolerable:
+        return None
+    shown = f"the measurements showed {known:.4g} Hz" if abs(known / given - 1) > ELSEWHERE else "nothing has shown it"
+    return "doubtful", (
+        f"The settings say resonance = {given:.4g} Hz, and {shown}. With another f0 than that of the stage, under its "
+        "load, a fast motion is not followed: give that of `truestroke commission`, or leave it out."
+    )
+
+
 def _restored(run: _Run) -> Finding | None:
     """Whether the controller gave up what it had learned."""
     count = run.metrics.restored_ticks
@@ -678,6 +690,7 @@ CHECKS: Sequence[Check] = (
     _rejected,
     _oscillated,
     _another_stage,
+    _assumed,
     _elsewhere,
     _restored,
     _unsettled,
@@ -688,7 +701,7 @@ CHECKS: Sequence[Check] = (
     _alarmed,
 )
 
-OTHER_CAUSES = (_too_fast, _oscillated, _another_stage, _elsewhere, _restored, _grew, _alarmed)
+OTHER_CAUSES = (_too_fast, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed)
 """What a sensor at an end of its range brings about, and what they would put it down to."""
 
 

@@ -160,7 +160,7 @@ def small_rows(small: Small, stroke: float | None, limits: dict[str, Any]) -> li
         resonance = [f"{found.frequency:.4g} ± {found.uncertainty:.1g} Hz", f"damping {found.damping:.2g}"]
     return [
         ["noise", f"{s.rest.noise:.3g} um rms", f"of a tick; drift {figures(s.rest.drift, 2)} um/s"],
-        ["zero", f"{s.rest.zero:.3f} um", f"at rest under {limits.get('safe_voltage', 0.0):g} V"],
+        ["zero", f"{round(s.rest.zero, 3) + 0.0:.3f} um", f"at rest under {limits.get('safe_voltage', 0.0):g} V"],
         ["polarity", "right", "more voltage extends"],
         ["gain", f"{s.gain.gain:.3g} ± {s.gain.uncertainty:.1g} um/V", bounds],
         ["latency", f"{max(s.latency, 0.0):.1f} ± {s.unsure:.1g} ticks", f"{s.timing.latency} by the driver"],
