@@ -55,10 +55,8 @@ class ToneDetector:
         self._turn = 1.0, 0.0  # and now
         self._sums = [[0.0, 0.0], [0.0, 0.0]]  # of blocks that go on, um
         self._last = self._same = [0.0, 0.0]  # of the last one that ended, and of the one before, um
-        self._advance, self._product = (
-            [0.0, 0.0],
-            [0.0, 0.0],
-        )  # um^2: of blocks half a block, and a block, after each other
+        self._advance = [0.0, 0.0]  # um^2: products of blocks half a block apart,
+        self._product = [0.0, 0.0]  # and of those a block apart
         self._later = self._earlier = 0.0  # um^2: squares of the latter
         self._ticks = self._blocks = self._passed = self._turns = 0
         self._rate = self._first_turn = self._last_turn = 0.0
