@@ -150,7 +150,7 @@ BAD_STATES = {
     "change": [("change", 0, 1e9)],
     "widest_motion": [("widest_motion", 0, -1.0)],
     "since_change": [("since_change", 0, -500)],  # the law waits for a found stage, a period of 40 Hz at most
-    "resonance_search": [("resonance_search", 1, 1e-30)],
+    "resonance_search": [("resonance_search", 1, 1e-30), ("resonance_search", -2, 0.1)],  # and a load of no frequency
     "spikes": [("spikes", 0, -(2**31))],
     "since_return": [("since_return", 0, 2**31 - 1)],
     "play": [("play", 3, 40.0), ("play", 0, 1e300)],

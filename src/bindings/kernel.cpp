@@ -325,7 +325,7 @@ ts_real lowest_resonance(const ts_controller &c) {
 void check_resonance(const ts_controller &c) {
     const ts_resonance &r = c.resonance;
     bool sought = r.known == 0 || r.known >= static_cast<ts_real>(0.99) * lowest_resonance(c);
-    bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.swept >= 0 && r.swept < 1 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0 && r.load >= 0 && r.load_at >= 0 && r.load_at < 1;
+    bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.swept >= 0 && r.swept < 1 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0 && r.load >= 0 && r.load_at >= 0 && r.load_at < 1 && (r.load == 0 || r.load_at > 0);
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
     const ts_tone &t = r.tone;
