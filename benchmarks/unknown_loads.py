@@ -7,6 +7,7 @@ true error after 0.5 s and the rms of the second half over those of the load, an
     python benchmarks/unknown_loads.py --first 0 --loads 130                  # nothing given
     python benchmarks/unknown_loads.py --first 0 --loads 130 --given f0       # or dynamics
     python benchmarks/unknown_loads.py --first 300 --loads 120 --fast
+    python benchmarks/unknown_loads.py --first 2000 --loads 100 --named       # hum = its frequency
 """
 
 import argparse
@@ -27,7 +28,7 @@ def between(random: np.random.Generator, low: float, high: float) -> float:
     return math.exp(random.uniform(math.log(low), math.log(high)))
 
 
-def follow(number: int, given: str, fast: bool) -> tuple[str, float, float]:
+def follow(number: int, given: str, fast: bool, named: bool) -> tuple[str, float, float]:
     """The run in words; largest error and rms over those of the load."""
     random = np.random.default_rng([77, number])
     f0, kind = between(random, 150, 1500), str(random.choice(["preisach", "plays", "bouc-wen"]))
@@ -44,7 +45,7 @@ def follow(number: int, given: str, fast: bool) -> tuple[str, float, float]:
     else:
         wave = trajectories.sine(frequency=frequency if motion == "sine" else 0.2, **of)
     known = {"nothing": {}, "f0": {"resonance": f0}, "dynamics": {"dynamics": stage.dynamics()}}[given]
-    controller = AdaptiveController(**AXIS, **known)
+    controller = AdaptiveController(**AXIS, **known, hum=[load] if named else ())
     recording = run(wave, controller, StagePlant(stage, seed=number))
     error = recording["true"] - recording["desired"]
     largest, rms = np.abs(error[5000:]).max() / amplitude, np.sqrt(2 * np.mean(error[20000:] ** 2)) / amplitude
@@ -59,12 +60,13 @@ def main() -> None:
     parser.add_argument("--loads", type=int, default=130)
     parser.add_argument("--given", choices=("nothing", "f0", "dynamics"), default="nothing")
     parser.add_argument("--fast", action="store_true")
+    parser.add_argument("--named", action="store_true", help="the controller is given the frequency, hum=")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     print("        f0 hysteresis motion   load            f0 in the model over f0; largest error, rms, over the load")
     found = []
     for number in range(given.first, given.first + given.loads):
-        words, *errors = follow(number, given.given, given.fast)
+        words, *errors = follow(number, given.given, given.fast, given.named)
         found.append(errors)
         print(f"{words} {errors[0]:8.1f} {errors[1]:6.2f}", flush=True)
     for name, column in zip(("largest", "rms"), np.array(found).T, strict=True):

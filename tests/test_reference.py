@@ -46,6 +46,7 @@ MADE = {
     "fed back": lambda: ControllerSettings(
         **BASIC, dynamics=Dynamics(sample_rate=2000.0, modes=(Mode(frequency=200.0, damping=0.02),)), hum=(50.0,)
     ),
+    "hum alone": lambda: ControllerSettings(**BASIC, hum=50.0),
     "limits too wide": lambda: ControllerSettings(**BASIC | {"voltage_limits": (-10.0, 10.0)}, prior_return_time=0.5),
     "late sensor": lambda: ControllerSettings(**BASIC, sensor_delay=1.7e-3, sensor_bandwidth=300.0, resonance=400.0),
     "one of three axes": lambda: ControllerSettings(**BASIC, other_axes=2, plays=9),

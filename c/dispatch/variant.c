@@ -12,6 +12,7 @@
 #include "../src/check.c"
 #include "../src/terms.c"
 #include "../src/dynamics.c"
+#include "../src/hum.c"
 #include "../src/command.c"
 #include "../src/found.c"
 #include "../src/ringing.c"

@@ -20,6 +20,7 @@ static inline const char *ts_status_setting(ts_status status)
         case TS_BAD_VOLTAGE: return "voltage_limits or slew_limit";
         case TS_BAD_SENSOR: return "the sensor";
         case TS_BAD_DYNAMICS: return "dynamics";
+        case TS_BAD_HUM: return "the lines of hum";
         case TS_BAD_FEEDBACK: return "the feedback";
         case TS_BAD_LIMIT: return "stroke, measurement_limit, smoothing or trim";
         default: return "settings";

@@ -86,6 +86,9 @@ typedef enum {
 #ifndef TS_FEEDBACKS /* filters of the feedback; at least 1 */
 #define TS_FEEDBACKS 13
 #endif
+#ifndef TS_LINES /* of hum; at least 1 */
+#define TS_LINES 6
+#endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 #ifndef TS_MAX_PRIOR /* entries of the prior covariance; fewer where rows of it begin with zeros */
 #define TS_MAX_PRIOR TS_PACKED(TS_MAX_PARAMETERS)
@@ -119,6 +122,7 @@ typedef enum {
     TS_BAD_VOLTAGE,          /* voltage_min is not below voltage_max, or slew is not positive */
     TS_BAD_SENSOR,           /* the delay or lag of the sensor is out of its range, or stands beside the stage's dynamics */
     TS_BAD_DYNAMICS,         /* an order or delay of the stage's dynamics is out of its range, or a coefficient is not finite */
+    TS_BAD_HUM,              /* the number of lines is out of its range, one is no frequency, or the law is that of the paper */
     TS_BAD_FEEDBACK,         /* the number of filters is out of its range, or one is not stable */
     TS_BAD_LIMIT,            /* stroke, measurement_limit, smoothing or trim is out of its range */
     TS_BEYOND_REACH          /* the displacement of ts_controller_start, or the first measurement, is beyond ts_reach:
@@ -497,6 +501,22 @@ typedef struct {
     bool started, rings;
 } ts_ringing;
 
+/* ---- Hum: sines of known frequency from outside ---------------------------------------------------------------------- */
+
+/* Their amplitudes follow what the model does not expect, as those of an adaptive noise canceller (Widrow et al. 1975). The law learns
+ * from the measurement without them: else it would take what the command does against them for a property of the actuator. */
+typedef struct {
+    ts_real line[TS_LINES][3];        /* of each: cosine and sine of its angle in a tick, and 1/s */
+    int lines;
+} ts_hum;
+
+typedef struct {
+    ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
+    ts_real sine[TS_LINES][2];        /* um: their amplitudes */
+    ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
+    ts_real subtracted;               /* um: of the last command */
+} ts_hum_state;
+
 /* ---- A steady tone in the error: a load from outside ------------------------------------------------------------------ */
 
 /* A stage that rings decays, and what the motion excites again and again is a harmonic of it. A tone that does neither comes from
@@ -572,7 +592,8 @@ typedef struct {
     ts_real range;                    /* um: of a motion that is followed well enough to lose by a stage that is wrong; or 0 */
     ts_real highest;                  /* cycles per tick: a resonance above it is not the first */
     ts_real burst;                    /* um^2: mean square of an error for which the estimate makes haste; 0: for none */
-    ts_real loudest;                  /* um^2: mean square of an error from which on a tone is no load */
+    ts_real loudest;                  /* um^2: mean square of an error from which on a tone is no load, */
+    ts_real least;                    /* and below which nothing is shown */
     const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
 } ts_search;
 
@@ -625,6 +646,7 @@ typedef struct {
     ts_dynamics dynamics;                              /* Kalman */
     ts_sensor sensor;
     ts_feedback feedback;
+    ts_hum hum;                                        /* Kalman */
     /* safety */
     ts_real slope_min, slope_max;                      /* partial slopes, um/V; Kalman: of the weights, and of the inverse
                                                           from TS_IN_MOTION * slope_min on */
@@ -769,6 +791,7 @@ typedef struct {
     ts_dynamics found;                /* Kalman: the stage as its oscillation showed it; not known: it is that of the settings */
     ts_sensor_state sensor;
     ts_feedback_state feedback;
+    ts_hum_state hum;                 /* Kalman */
     bool hold;
     ts_flags flags;
     ts_counters counters;

@@ -323,6 +323,7 @@ void ts_pass_over(ts_controller *c)
 {
     const ts_settings *s = c->settings;
     c->resonance.ticks = 0; /* its window begins anew */
+    ts_hum_tick(c);
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
     if (dynamics_of(c)->known) {
         learn_staged(c, ts_expected(c), 0, false, learn);
@@ -336,24 +337,25 @@ void ts_pass_over(ts_controller *c)
     feed_back(c, 0);
 }
 
-/* Adapts to z; u: the regressor as the sensor shows it, where the stage is not known; `back`: at a voltage limit and beyond
+/* Adapts to z, of which `hum` um are hum; u: the regressor as the sensor shows it, where the stage is not known; `back`: at a voltage limit and beyond
  * the desired displacement. Returns whether z was used. */
-static bool learn_from(ts_controller *c, const ts_real *u, ts_real z, const ts_motion *d, bool limited, bool back, bool stands)
+static bool learn_from(ts_controller *c, const ts_real *u, ts_real measured, ts_real hum, const ts_motion *d, bool limited, bool back, bool stands)
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     bool staged = dynamics_of(c)->known;
-    ts_real predicted = staged ? ts_expected(c) : model(c, u);
+    ts_real z = measured - hum, predicted = staged ? ts_expected(c) : model(c, u);
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
     if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
     ts_real noisy = staged ? ts_quiet(c, c->innovation) : c->innovation;
-    bool used = !frozen(c, z, predicted, stands), smooth = staged || c->ringing.rings;
+    bool used = !frozen(c, measured, predicted + hum, stands), smooth = staged || c->ringing.rings;
     bool spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, smooth);
     ts_real innovation = used && !spike ? c->innovation : 0;
     bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && !is_restored(c);
     used = used && !spike;
     if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
     else adapt_kalman(c, u, predicted + innovation, innovation, used, learn);
+    if (used) ts_hum_follow(c, innovation);
     return used;
 }
 
@@ -377,7 +379,9 @@ static bool measure(ts_controller *c, ts_real z)
         now = regressor_of_now(c, space);
         before = model(c, now);
     }
-    bool used = learn_from(c, u, z, d, learned, back, stands);
+    ts_hum_tick(c);
+    ts_real hum = ts_hum_of(c), alone = z - hum;
+    bool used = learn_from(c, u, z, hum, d, learned, back, stands);
     if (used && smooth) admit_learned(c, model(c, now) - before);
     const ts_real *slow = staged ? dynamics_of(c)->sensor : s->sensor.slow;
     ts_real error = z - (d->z_d + slow[0] * d->zdot_d + slow[1] * d->zddot_d);
@@ -386,16 +390,17 @@ static bool measure(ts_controller *c, ts_real z)
     feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
     if (used && !staged && s->law == TS_LAW_KALMAN) {
         c->dynamics.z[1] = c->dynamics.z[0];
-        c->dynamics.z[0] = z;
+        c->dynamics.z[0] = alone;
     }
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, ts_was_good(c) ? limited : at_limit);
-    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, z, error, d, staged);
+    ts_forget_hum(c);
+    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, alone, error, d, staged);
     if (s->law == TS_LAW_KALMAN) {
         ts_watch_learning(c, error, d->z_d, used && (!at_limit || back));
         if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.watch.recall.missed.counted = 0; /* u is not that of the measurement before */
-        else if (used) ts_watch_kept(c, staged ? c->u : u, staged ? c->dynamics.z[1] : z);
+        else if (used) ts_watch_kept(c, staged ? c->u : u, staged ? c->dynamics.z[1] : alone);
     }
     return used;
 }

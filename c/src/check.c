@@ -131,6 +131,13 @@ static ts_status check_feedback(const ts_feedback *f)
     return good ? TS_OK : TS_BAD_FEEDBACK;
 }
 
+static ts_status check_hum(const ts_hum *h)
+{
+    bool good = h->lines >= 0 && h->lines <= TS_LINES;
+    for (int i = 0; good && i < h->lines; i++) good = fraction(size_of(h->line[i][0])) && fraction(size_of(h->line[i][1])) && positive(h->line[i][2]);
+    return good ? TS_OK : TS_BAD_HUM;
+}
+
 ts_status ts_check(const ts_settings *s)
 {
     ts_status status = check_model(s);
@@ -144,6 +151,9 @@ ts_status ts_check(const ts_settings *s)
     if (sensor != TS_OK) return sensor;
     ts_status feedback = check_feedback(&s->feedback);
     if (feedback != TS_OK) return feedback;
+    ts_status hum = check_hum(&s->hum);
+    if (hum != TS_OK) return hum;
+    if (s->hum.lines > 0 && (s->law != TS_LAW_KALMAN || !(s->oscillation.tick > 0))) return TS_BAD_HUM;
     if (!positive(s->slope_min) || !(s->slope_min < s->slope_max) || !positive(s->slope_max)) return TS_BAD_SLOPE;
     if (!(s->voltage_min < s->voltage_max) || !bounded(s->voltage_min) || !bounded(s->voltage_max) || !(s->slew > 0))
         return TS_BAD_VOLTAGE;

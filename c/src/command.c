@@ -53,11 +53,11 @@ ts_real ts_of_known_terms(const ts_controller *c, const ts_motion *d)
     return dot(c->w + c->of_plays, u, c->parameters - c->of_plays);
 }
 
-/* The displacement wanted of the plays, um: (11), the stage, the trim and the bumpless transfer, less the
+/* The displacement wanted of the plays, um: (11), the stage, the trim and the bumpless transfer, less hum and the
  * known terms. */
 ts_real ts_wanted_of_plays(const ts_controller *c, const ts_motion *d, ts_real known)
 {
-    return through_dead_zones(c->settings, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless + c->handed - known;
+    return through_dead_zones(c->settings, d->z_d) + d->ahead + c->integral + c->feedback.sum + c->bumpless + c->handed - c->hum.subtracted - known;
 }
 
 /* (7) and its partial sums at the rate zdot_d, each within its limits; returns whether one was moved. */
@@ -164,6 +164,9 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     d.zdot_d = zdot_d;
     d.zddot_d = known_acceleration ? zddot_d : acceleration(c, zdot_d);
     d.ahead = known_strain ? within(strain_d, -TS_LARGEST, TS_LARGEST) - z_d : ahead_of(c, zdot_d, d.zddot_d, c->counters.commands);
+    ts_real against_hum = 0;
+    c->hum.subtracted = ts_hum_ahead(c, &against_hum);
+    d.ahead -= against_hum;
     ts_real known = ts_of_known_terms(c, &d);
     c->y_d = ts_wanted_of_plays(c, &d, known);
     c->flags.projected = ts_rate_dependent_slopes(c, zdot_d);

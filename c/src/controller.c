@@ -41,6 +41,7 @@ void ts_controller_reset(ts_controller *c)
     ts_forget_stage(c);
     c->feedback.alarms = AT_FIRST; /* nothing is learned yet */
     c->feedback.paused = true;
+    ts_hum_begin(&c->hum);
     ts_keep_start(c);
     (void)ts_rate_dependent_slopes(c, 0);
 }

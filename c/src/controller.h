@@ -95,6 +95,16 @@ TS_API ts_real ts_sum_of_plays(const ts_controller *c);
 TS_API void ts_look_ahead_anew(ts_controller *c);
 TS_API void ts_keep_command(ts_controller *c);
 
+/* hum.c */
+TS_API void ts_hum_begin(ts_hum_state *h);
+TS_API void ts_hum_tick(ts_controller *c);
+TS_API ts_real ts_hum_of(const ts_controller *c);
+TS_API void ts_hum_follow(ts_controller *c, ts_real innovation);
+TS_API ts_real ts_power_of_hum(const ts_controller *c);
+TS_API bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude);
+TS_API void ts_forget_hum(ts_controller *c);
+TS_API ts_real ts_hum_ahead(const ts_controller *c, ts_real *ahead);
+
 /* dynamics.c */
 TS_API void ts_rest_sections(ts_controller *c, ts_real strain);
 TS_API ts_real ts_expected(ts_controller *c);

@@ -463,6 +463,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
         .highest = highest_first(c, staged),
         .burst = staged ? 0 : burst_of(c),
         .loudest = loudest_load(c, whole),
+        .least = ts_power_of_hum(c),
         .expected = ends && expected_of_plays(c, expected) ? expected : NULL,
     };
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, &search);

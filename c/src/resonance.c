@@ -379,6 +379,7 @@ static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
     }
     if (w.f0 > search->highest) w.f0 = 0;
     pass_over_load(r, &w, search->loudest);
+    if (r->power < search->least) w.f0 = w.points = 0;
     ts_real f0 = w.f0, least = search->burst > 0 && r->power > search->burst ? LEAST_IN_BURST : LEAST;
     bool near = f0 > 0 && (is_about(r, f0) || w.variance < least * least);
     r->centre = next_centre(r, &w, lowest, search);

@@ -122,10 +122,11 @@ static bool rings_freely(const ts_controller *c)
     return o->peaks[0] > c->settings->oscillation.floor && ts_oscillation_is_fast(o, ts_oscillation_frequency(o, FREE));
 }
 
-/* Whether an oscillation of this frequency, cycles per tick, is the load that was seen. */
+/* Whether an oscillation of this frequency, cycles per tick, is hum, or the load that was seen. */
 static bool is_load(const ts_controller *c, ts_real frequency)
 {
     const ts_resonance *r = &c->resonance;
+    if (ts_is_hum(c, frequency, c->oscillation.peaks[0])) return true;
     return r->load > 0 && c->oscillation.peaks[0] < LOUDER * r->load && size_of(frequency / r->load_at - 1) < TS_OF_LOAD;
 }
 

@@ -190,6 +190,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
     visit("feedback_damping", &c.feedback.damping[0], 10);
+    visit("hum", &c.hum.turn[0][0], sizeof c.hum / sizeof(ts_real));
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);
     visit("inertia", &g.inertia, 1);
@@ -347,6 +348,11 @@ void check_kalman(const ts_controller &c) {
     not_negative("ringing_power", c.ringing.power);
     require_range("change", k.change, 0, 100);
     require_range("usual", k.usual, 0, 100);
+    for (int i = 0; i < TS_LINES; i++) {
+        const ts_real *turn = c.hum.turn[i];
+        ts_real length = turn[0] * turn[0] + turn[1] * turn[1];
+        require_all("hum", length > static_cast<ts_real>(0.99) && length < static_cast<ts_real>(1.01) && c.hum.over[i] >= 0, "phasors of length 1, and times of 0 or more");
+    }
     ts_real lowest = lowest_resonance(c); // the law waits for a period of a stage that was found
     if (c.found.known && c.stage.resonance < lowest) lowest = c.stage.resonance;
     int longest_wait = lowest > 0 ? static_cast<int>(std::min(1 / lowest, static_cast<ts_real>(INT32_MAX / 2))) + 1 : 0;

@@ -229,7 +229,7 @@ class ResonanceEstimator:
         highest: float = HIGHEST,
         burst: float = 0.0,
         expected: FloatArray | None = None,
-        loudest: float = math.inf,
+        powers: tuple[float, float] = (0.0, math.inf),
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
@@ -251,8 +251,8 @@ class ResonanceEstimator:
             Mean square of an error for which the estimate makes haste, um^2; 0: for none.
         expected : ndarray, shape (7,), optional
             Weights of the plays, um/V; they are read in the tick that `ends` the window.
-        loudest : float
-            Mean square of an error from which on a tone is no load, um^2.
+        powers : tuple of float
+            Mean squares of an error, um^2: below the first nothing is shown, from the second on a tone is no load.
         """
         if self._begins_to_burst(tick, error, burst):
             self.centre, self.ticks, self._pointed = SEARCH_FROM, 0, 0
@@ -268,7 +268,7 @@ class ResonanceEstimator:
         if last:
             self._window = self.ticks - self._settling
         ended = self.ticks >= self._settling + self._window
-        return ended and self._end(tick, span, highest, burst, expected, loudest)
+        return ended and self._end(tick, span, highest, burst, expected, powers)
 
     def ends(self, above: float, below: float) -> bool:
         """Whether the next tick ends a window whose mean square error is between these, um^2."""
@@ -315,7 +315,13 @@ class ResonanceEstimator:
         self._error += error * error
 
     def _end(
-        self, tick: float, span: float, highest: float, burst: float, expected: FloatArray | None, loudest: float
+        self,
+        tick: float,
+        span: float,
+        highest: float,
+        burst: float,
+        expected: FloatArray | None,
+        powers: tuple[float, float],
     ) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
@@ -325,7 +331,9 @@ class ResonanceEstimator:
             fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
             window = window._replace(f0=0.0) if self.power < cost * cost or window.f0 > highest else window
-        window = self._passed_over_load(window, loudest)
+        window = self._passed_over_load(window, powers[1])
+        if self.power < powers[0]:
+            window = window._replace(f0=0.0, points=0.0)
         least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
         near = window.f0 > 0 and (self._is_about(window.f0) or window.variance < least * least)
         self.centre = self._next(window, lowest, highest, burst)

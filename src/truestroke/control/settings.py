@@ -109,9 +109,15 @@ def _sensor_bandwidth(s: ControllerSettings, name: str, value: Any, unit: str) -
 @bound("lines of the mains, Hz: 50 means 50, 100 and 150; () is none")
 def _hum(s: ControllerSettings, name: str, value: Any, unit: str) -> tuple[float, ...]:
     lines = feedback.lines_of(value, s.sample_rate)
-    if lines and s.dynamics is None:
-        raise SettingError(name, lines, "() where the dynamics are not known: give dynamics=, or leave it out", unit)
+    if lines and s.law != "kalman":
+        raise SettingError(name, lines, "() with the law of the paper: leave it out, or take the default law", unit)
     return lines
+
+
+def _line(frequency: float, rate: float) -> tuple[float, float, float]:
+    """Cosine and sine of its angle in a tick, and 1/s."""
+    angle = 2 * math.pi * frequency / rate
+    return math.cos(angle), math.sin(angle), 2 * math.pi * frequency
 
 
 @bound("a Feedback, True for its design from the dynamics, False for none")
@@ -139,11 +145,11 @@ def _feedback(s: ControllerSettings, name: str, value: Any, unit: str) -> Feedba
 
 
 def _hears(s: ControllerSettings, found: Feedback) -> Feedback:
-    """The feedback, where it has a resonator for each line of `hum`, or says why not."""
-    if found.reasons or set(s.hum) <= set(found.hum):
+    """The feedback, where it has a resonator for each line of `hum`, says why not, or leaves hum to the command."""
+    if not found.filters or found.reasons or set(s.hum) <= set(found.hum):
         return found
-    whose = "has no resonator for them" if found.filters else "is switched off"
-    raise SettingError("hum", s.hum, f"() where the feedback {whose}: leave out hum, or leave out feedback", "Hz")
+    bound = "() where the feedback has no resonator for them: leave out hum, or leave out feedback"
+    raise SettingError("hum", s.hum, bound, "Hz")
 
 
 @bound(f"[1, {MAX_PLAYS}]")
@@ -388,7 +394,9 @@ SETTINGS: declared.Table = {
         "", whole(0, 20), changeable=True, kernel="",
     ),
     "hum": Setting(
-        "Lines of the mains that the feedback takes away; needs `dynamics`", "Hz", _hum, changeable=True, kernel="",
+        "Lines of the mains: the law learns without them, and feedback or command takes them away", "Hz", _hum,
+        changeable=True, kernel="hum.line hum.lines",
+        convert=lambda lines, s: ([_line(f, s.sample_rate) for f in lines], len(lines)),
     ),
     "feedback": Setting(
         "Filters of the error against loads, ringing and hum, with their margins", "", _feedback, default_feedback,

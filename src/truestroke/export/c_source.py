@@ -210,6 +210,7 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
         "TS_MAX_SENSED": settings.parameters if members["sensor.share"] or members["sensor.lag"] else 1,
         "TS_SECTIONS": max(1, *(members[f"dynamics.{kind}"] for kind in ("sections", "others", "modes"))),
         "TS_FEEDBACKS": max(1, members["feedback.filters"]),
+        "TS_LINES": max(1, members["hum.lines"]),
         "TS_HISTORY": needed if history is None else history,
     }
 

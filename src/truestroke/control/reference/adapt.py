@@ -12,8 +12,9 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefu
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
+from truestroke.control.reference.hum import follow_hum, hum_of, tick_of_hum
 from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
-from truestroke.control.reference.ringing import watch_stage
+from truestroke.control.reference.ringing import forget_hum, watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
 from truestroke.control.reference.terms import regressor, remember_creep, remember_voltage, through_dead_zones
 from truestroke.control.stage import Stage
@@ -41,7 +42,10 @@ def measure(c: State, z: float) -> bool:
     now = regressor(c, c.now, c.last.motion) if c.stage.smoothing > 0 else None
     first = 0.0 if now is None else float(dot(c.law.weights, now))
     learns = adapts(c, learned, beyond) and not c.stage.rest > 0 and not is_restored(c)
-    used = learn_from(c, u, z, motion, learn=learns, stands=stands)
+    tick_of_hum(c)
+    hum = hum_of(c)
+    alone = z - hum
+    used = learn_from(c, u, z, hum, motion, learn=learns, stands=stands)
     if used and now is not None:
         admit_learned(c, float(dot(c.law.weights, now)) - first)
     to_sensor = c.sensor.slow if path is None else path.sensor
@@ -51,19 +55,20 @@ def measure(c: State, z: float) -> bool:
         c.integral -= c.members["trim"] * error
     feed_back(c, -error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
     if used and path is None:
-        c.stage.z = z, c.stage.z[0]
+        c.stage.z = alone, c.stage.z[0]
     low, high = c.settings.voltage_limits
     at_limit = not low < command.x < high
     if not used:
         c.stage.detector.miss(error)
     elif path is None:
         watch_stage(c, error, motion.zdot_d, limited if c.kept.guard.was_good else at_limit)
-    watch_resonance(c, z, error, motion.zdot_d, path)
+    forget_hum(c)
+    watch_resonance(c, alone, error, motion.zdot_d, path)
     watch_learning(c, error, motion.z_d, used and (not at_limit or beyond))
     if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:
         c.kept.recall.begin()  # the regressor is not that of the measurement before
     elif law is not None and used:
-        watch_kept(c, law, c.u if u is None else u, z if path is None else path.z[1])
+        watch_kept(c, law, c.u if u is None else u, alone if path is None else path.z[1])
     return used
 
 
@@ -82,6 +87,7 @@ def next_lagged(c: State) -> FloatArray:
 def pass_over(c: State) -> None:
     """A tick for which no measurement came."""
     c.estimator.ticks = 0  # its window begins anew
+    tick_of_hum(c)
     law, learn = c.filtering, not c.waiting[c.lagged.ticks].limited
     if c.path is not None:
         learn_staged(c, c.path, c.path.expected(), 0.0, measured=False, learn=learn)
@@ -190,9 +196,14 @@ def is_frozen(c: State, z: float, predicted: float, stands: bool) -> bool:
     return abs(predicted - c.predicted_before) > max(6 * noise, c.resolution + 2 * noise)
 
 
-def learn_from(c: State, u: FloatArray | None, z: float, motion: Motion, *, learn: bool, stands: bool) -> bool:
-    """Adapt to the measurement z, um; u: the regressor (20), None where the stage is known. Whether z was used."""
-    path, law = c.path, c.filtering
+def learn_from(
+    c: State, u: FloatArray | None, measured: float, hum: float, motion: Motion, *, learn: bool, stands: bool
+) -> bool:
+    """Adapt to a measurement, um, of which `hum` is hum; u: the regressor (20), None where the stage is known.
+
+    Whether it was used.
+    """
+    path, law, z = c.path, c.filtering, measured - hum
     if path is not None:
         predicted = path.expected()
         c.innovation = z - predicted
@@ -202,7 +213,7 @@ def learn_from(c: State, u: FloatArray | None, z: float, motion: Motion, *, lear
         c.innovation = through_dead_zones(c, z) + motion.ahead - predicted  # (15)
     if law is None:
         return learn_otherwise(c, u)
-    used = not is_frozen(c, z, predicted, stands)
+    used = not is_frozen(c, measured, predicted + hum, stands)
     noisy = path.quiet(c.innovation) if path is not None else c.innovation if c.ringing.rings else None
     used = used and not law.is_spike(c.innovation, noisy)
     innovation = c.innovation if used else 0.0
@@ -210,6 +221,8 @@ def learn_from(c: State, u: FloatArray | None, z: float, motion: Motion, *, lear
         learn_staged(c, path, z if used else predicted, innovation, measured=used, learn=learn)
     elif u is not None:
         update_law(c, law, u, predicted + innovation, innovation, measured=used, learn=learn)
+    if used:
+        follow_hum(c, innovation)
     return used
 
 

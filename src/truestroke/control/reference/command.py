@@ -61,8 +61,9 @@ def ahead_of_found(c: State, path: Stage, zdot_d: float, zddot_d: float, tick: i
 
 
 def wanted(c: State, motion: Motion) -> float:
-    """(11), the stage, the trim, the feedback and the bumpless transfer, um."""
-    return float(through_dead_zones(c, motion.z_d) + motion.ahead + c.integral + c.feedback + c.bumpless + c.handed)
+    """(11), the stage, the trim, the feedback and the bumpless transfer, less hum, um."""
+    total = through_dead_zones(c, motion.z_d) + motion.ahead + c.integral + c.feedback + c.bumpless + c.handed
+    return float(total - c.hum.subtracted)
 
 
 def wanted_of_plays(c: State, motion: Motion) -> float:

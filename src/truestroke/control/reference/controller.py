@@ -32,6 +32,7 @@ from truestroke.control.reference.command import (
     within_limits,
 )
 from truestroke.control.reference.found import forget_stage
+from truestroke.control.reference.hum import subtracted
 from truestroke.control.reference.learned import keep_start
 from truestroke.control.reference.state import HISTORY, Command, Memory, State, kalman_settings, law_of
 from truestroke.control.reference.terms import of_known_terms, remember_creep, remember_voltage
@@ -206,7 +207,8 @@ class ReferenceController(Displayed):
             if strain_d is None or c.stage.found
             else strain_d - z_d
         )
-        motion = Motion(z_d, zdot_d, zddot_d, ahead, moving)
+        c.hum.subtracted, against_hum = subtracted(c)
+        motion = Motion(z_d, zdot_d, zddot_d, ahead - against_hum, moving)
         known = of_known_terms(c, motion)
         y_d = wanted(c, motion) - known  # (11)
         c.slopes, c.projected = rate_dependent_slopes(c, zdot_d)  # (7)

@@ -9,6 +9,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw
 from truestroke.control.angles import tangent
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference.command import keep_command, look_ahead_anew
+from truestroke.control.reference.hum import power_of_hum
 from truestroke.control.reference.state import HISTORY, Growth, State
 from truestroke.control.resonance import HIGHEST, SHOWN, shown
 from truestroke.control.stage import MOST_DEAD, Stage, found
@@ -444,8 +445,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     most, burst = guard.range * guard.range, burst_of(c) if path is None else 0.0
     ends = path is None and c.estimator.ends(noisy(c, law), most)  # with a stage in the model weights may go with it
     expected = expected_of_plays(c) if ends else None
-    motion, loudest = (zdot_d, zdot_d - c.rate), loudest_load(c)
-    known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, loudest)
+    motion, powers = (zdot_d, zdot_d - c.rate), (power_of_hum(c), loudest_load(c))
+    known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers)
     c.rate = zdot_d
     if c.estimator.ticks == 0:
         load = c.estimator.load

@@ -6,7 +6,15 @@ from itertools import pairwise
 
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.reference.command import keep_command, rate_dependent_slopes, sum_of_plays
-from truestroke.control.reference.found import adopt_resonance, adopt_stage, begin_anew, shows_gain, take_first
+from truestroke.control.reference.found import (
+    adopt_resonance,
+    adopt_stage,
+    begin_anew,
+    forget_stage,
+    shows_gain,
+    take_first,
+)
+from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum
 from truestroke.control.reference.state import State
 from truestroke.control.tone import OF_LOAD
 
@@ -117,11 +125,26 @@ def count_ringing(c: State, law: FilteringLaw) -> None:
 
 
 def is_load(c: State, frequency: float) -> bool:
-    """Whether an oscillation of this frequency, cycles per tick, is the load that was seen."""
+    """Whether an oscillation of this frequency, cycles per tick, is hum, or the load that was seen."""
     seen = c.estimator
+    if is_hum(c, frequency, c.stage.detector.peaks[0]):
+        return True
     if not (seen.load > 0 and c.stage.detector.peaks[0] < LOUDER * seen.load):
         return False
     return abs(frequency / seen.load_at - 1) < OF_LOAD
+
+
+def forget_hum(c: State) -> None:
+    """When the amplitudes are known: what was taken for the stage before is forgotten where it is the loudest line."""
+    given = c.members["resonance"] > 0 or c.members["dynamics.known"]
+    if not c.members["hum.line"] or given or not c.stage.resonance > 0 or begins(c) or not begins(c, 1):
+        return
+    most = LOUD_LINE * c.settings.stroke
+    for a, _ in zip(c.hum.sine, c.members["hum.line"], strict=False):
+        most = max(most, math.sqrt(a[0] * a[0] + a[1] * a[1]))
+    if is_hum(c, c.stage.resonance, most):
+        forget_stage(c)
+        keep_command(c)
 
 
 def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:

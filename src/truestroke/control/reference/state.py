@@ -11,6 +11,7 @@ from truestroke.control.adaptation import RLS, BoundedKalman, FilteringLaw, Kalm
 from truestroke.control.controller import Counters
 from truestroke.control.guard import FirstGain, Guard, GuardSettings, Recall
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
+from truestroke.control.reference.hum import Hum
 from truestroke.control.resonance import SHOWN, ResonanceEstimator
 from truestroke.control.sensor import Sensor
 from truestroke.control.settings import ControllerSettings, kernel_settings
@@ -199,6 +200,7 @@ class State:
         self.sensor = Sensor({name: value for name, value in self.members.items() if name.startswith("sensor.")})
         self.alarms, self.paused = AT_FIRST, True  # sudden changes per second; nothing is learned yet
         self.feedback, self.feedback_states = 0.0, np.zeros((FEEDBACKS, 2)).tolist()  # um
+        self.hum = Hum()
         self.damping, self.damped = [0.0] * 5, [0.0, 0.0]  # filter that damps a stage that was found, its states, um
         self.side = self.since_swing = self.swings = 0  # where it was large last, ticks since it turned there, swings
         self.bumpless = self.integral = self.innovation = 0.0  # um

@@ -1,0 +1,149 @@
+"""Lines of the mains that are named: the law learns without them, and the command or the feedback takes them away."""
+
+import math
+
+import numpy as np
+import pytest
+
+from truestroke import AdaptiveController, ControllerSettings, SettingError, run, trajectories
+from truestroke.base.typing import FloatArray
+from truestroke.control.reference import ReferenceController
+from truestroke.plant import StagePlant, StageSettings
+
+AXIS = {"sample_rate": 10_000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
+LINE = 71.0
+
+pytestmark = pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+
+
+def stage(f0: float, load: float, **of: object) -> StageSettings:
+    """Shaken by so much, um, at the line."""
+    given = {"sample_rate": 10_000.0, "resonances": (f0,), "dampings": (0.02,), "noise": 0.01, "hum": load}
+    return StageSettings(**given | {"hum_frequency": LINE} | of)
+
+
+def followed(plant: StageSettings, *, motion: float = 3.0, **known: object) -> tuple[FloatArray, AdaptiveController]:
+    """True error of the last 2 of 4 s, um."""
+    rate, stroke = plant.sample_rate, plant.stroke
+    wave = trajectories.sine(
+        frequency=motion, peak_to_peak=0.4 * stroke, offset=0.33 * stroke, duration=4.0, sample_rate=rate
+    )
+    controller = AdaptiveController(**AXIS | {"sample_rate": rate, "stroke": stroke}, **known)
+    recording = run(wave, controller, StagePlant(plant, seed=1))
+    return (recording["true"] - recording["desired"])[wave.position.size // 2 :], controller
+
+
+@pytest.mark.parametrize("f0", [250.0, 600.0, 1200.0])
+@pytest.mark.parametrize("load", [0.1, 0.5])
+def test_a_load_does_not_change_the_slopes_that_the_law_learns(f0: float, load: float) -> None:
+    """Feedback answers the load, and without `hum` the law takes that for a property of the plays."""
+    plant = stage(f0, load)
+    error, controller = followed(plant, dynamics=plant.dynamics(), hum=LINE)
+    slopes = np.array(controller.diagnostics.partial_slopes)
+    assert slopes.min() > 3.0
+    assert error.std() < 0.07 * load / math.sqrt(2)
+
+
+@pytest.mark.parametrize("known", ["nothing", "f0", "dynamics without feedback"])
+@pytest.mark.parametrize(
+    ("f0", "motion", "of"),
+    [
+        (600.0, 3.0, {}),
+        (600.0, 0.3, {"hysteresis_kind": "bouc-wen"}),
+        (1200.0, 60.0, {"hysteresis_kind": "preisach"}),
+        (250.0, 3.0, {"hysteresis_kind": "preisach"}),
+        (900.0, 20.0, {"sample_rate": 20_000.0, "stroke": 0.6, "hum": 0.006, "noise": 0.0003, "hum_frequency": 50.0}),
+        (2000.0, 20.0, {"sample_rate": 20_000.0, "stroke": 600.0, "hum": 6.0, "noise": 0.3, "hum_frequency": 120.0}),
+        (300.0, 2.0, {"dead_time": 1e-3, "hum_frequency": 50.0}),
+    ],
+)
+def test_hum_is_reduced_by_14_db_whatever_is_known(known: str, f0: float, motion: float, of: dict[str, object]) -> None:
+    plant = stage(f0, 0.3, **of)
+    give = {"nothing": {}, "f0": {"resonance": f0}}.get(known, {"dynamics": plant.dynamics(), "feedback": False})
+    error, _ = followed(plant, motion=motion, hum=plant.hum_frequency, **give)
+    assert error.std() < 0.2 * plant.hum / math.sqrt(2)
+
+
+def test_the_law_of_the_paper_and_a_bank_without_resonators_refuse_hum() -> None:
+    with pytest.raises(SettingError, match=r"hum = .* Hz: must be \(\) with the law of the paper"):
+        AdaptiveController(law="rls", hum=50.0, **AXIS)
+    dynamics = stage(700.0, 0.0).dynamics()
+    bank = AdaptiveController(dynamics=dynamics, **AXIS).settings.feedback
+    with pytest.raises(SettingError, match="the feedback has no resonator for them"):
+        AdaptiveController(dynamics=dynamics, feedback=bank, hum=50.0, **AXIS)
+
+
+@pytest.mark.parametrize(
+    ("f0", "known"),
+    [(110.0, {"resonance": 110.0}), (75.0, {"resonance": 75.0}), (50.0, {"resonance": 50.0})],
+)
+def test_a_line_near_the_resonance_is_left_alone(f0: float, known: dict[str, float]) -> None:
+    """There a command against it would drive the stage: it is not much larger than the load."""
+    plant = stage(f0, 0.1)
+    assert followed(plant, hum=LINE, **known)[0].std() < 1.25 * max(
+        0.1 / math.sqrt(2), followed(plant, **known)[0].std()
+    )
+
+
+def test_a_line_that_a_late_loop_drives_is_left_alone() -> None:
+    """Measurements that come 40 ticks late, which nobody has named: a quarter of a period at 60 Hz."""
+    plant = stage(900.0, 0.0)
+    controller = AdaptiveController(hum=60.0, **AXIS)
+    actuator, late, errors = StagePlant(plant, seed=3), [0.0] * 40, []
+    actuator.open()
+    for _ in range(30_000):
+        late.append(float(actuator.exchange(np.array([controller.command(10.0, 0.0)]))[0]))
+        controller.adapt(late[-41])
+        errors.append(late[-1] - 10.0)
+    assert np.abs(errors[-5000:]).max() < 0.04 * 30.0  # the bound of a line is 0.02 of the stroke
+
+
+def test_a_sensor_that_repeats_a_number_is_still_noticed() -> None:
+    controller = AdaptiveController(hum=50.0, dynamics=stage(900.0, 0.0).dynamics(), **AXIS)
+    plant = StagePlant(stage(900.0, 0.2, hum_frequency=50.0), seed=1)
+    plant.open()
+    wave = trajectories.sine(frequency=8.0, peak_to_peak=12.0, offset=10.0, duration=1.0, sample_rate=10_000.0)
+    for k, (z, v) in enumerate(zip(wave.position.tolist(), wave.velocity.tolist(), strict=True)):
+        measured = plant.exchange(np.array([controller.command(z, v)]))[0]
+        controller.adapt(measured if k < 6000 else 9.0)
+    assert controller.counters.rejected > 1000
+
+
+@pytest.mark.parametrize(
+    ("f0", "given"),
+    [
+        (300.0, {"hum": LINE}),
+        (120.0, {"hum": 50.0}),
+        (300.0, {"hum": 50.0, "resonance": 300.0}),
+        (300.0, {"hum": (LINE, 142.0), "dynamics": stage(300.0, 0.0).dynamics()}),
+        (300.0, {"hum": LINE, "dynamics": stage(300.0, 0.0).dynamics(), "feedback": False}),
+    ],
+)
+def test_the_kernel_has_the_bits_of_the_numpy_text(f0: float, given: dict[str, object]) -> None:
+    """Past the first 0.25 s, where the command begins to subtract it; measurements are missing."""
+    settings = ControllerSettings(**AXIS, **given)
+    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant = StagePlant(stage(f0, 0.3), seed=1)
+    plant.open()
+    wave = trajectories.sine(frequency=8.0, peak_to_peak=12.0, offset=10.0, duration=0.6, sample_rate=10_000.0)
+    for k, z_d in enumerate(wave.position[:4200].tolist()):
+        motion = z_d, float(wave.velocity[k]), float(wave.acceleration[k])
+        volts = controller.command(*motion)
+        assert text.command(*motion) == volts, k
+        z = float(plant.exchange(np.array([volts]))[0])
+        if k % 97 != 5:
+            controller.adapt(z)
+            text.adapt(z)
+
+
+def test_hum_that_is_added_and_removed_on_the_way_makes_no_step() -> None:
+    plant = StagePlant(stage(600.0, 0.3), seed=1)
+    controller, volts = AdaptiveController(**AXIS), []
+    plant.open()
+    for k in range(30_000):
+        if k in (10_000, 20_000):
+            controller.change(hum=LINE if k == 10_000 else 0.0)
+        volts.append(controller.command(10.0, 0.0))
+        controller.adapt(plant.exchange(np.array([volts[-1]]))[0])
+    steps = np.abs(np.diff(volts))
+    assert steps[10_000:].max() < 3 * steps[5000:10_000].max() + 0.06  # 0.06 V is the hum in volts
