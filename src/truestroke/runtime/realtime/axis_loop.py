@@ -105,8 +105,8 @@ class Supervision:
         raise Stop(
             Cause.NOT_TRACKING,
             f"axis {self._axis.name}: tracking is lost: more than {self.limit:.3g} um (error_limit) off for "
-            f"{seconds:.2g} s ({key}); the output {where}, the sensor shows {measured[-1]:.4g} um, {desired[-1]:.4g} um "
-            f"are asked for. {self._remedy(measured - desired)}",
+            f"{seconds:.2g} s ({key}); the output {where}, the sensor shows {measured[-1]:.4g} um, "
+            f"{desired[-1]:.4g} um are asked for. {self._remedy(measured - desired)}",
         )
 
     def _remedy(self, errors: FloatArray) -> str:
