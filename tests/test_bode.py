@@ -193,6 +193,17 @@ def test_a_stage_that_goes_too_far_is_stopped_at_the_safe_voltage() -> None:
     assert max(np.abs(np.diff(soft.volts))) * 2000.0 <= 504.0
 
 
+def test_a_travel_that_was_given_is_named_where_more_of_it_helps() -> None:
+    """A smaller amplitude keeps within it, and is lost in noise then; each remedy asked for the other."""
+    known = {"duration": 0.5, "travel": 0.3}
+    with pytest.raises(DynamicsError, match=r"or, where the stage may go so far, a larger `travel`$"):
+        measure_bode(StagePlant(), **LIMITS, **known)
+    with pytest.raises(DynamicsError, match=r"raise `amplitude` and, with it, `travel` \(0\.3 um\), or `duration`"):
+        measure_bode(StagePlant(), **LIMITS, **known, amplitude=0.0005)
+    with pytest.raises(DynamicsError, match="raise `amplitude` or `duration`"):
+        measure_bode(StagePlant(), **LIMITS, duration=0.5, amplitude=0.0005)
+
+
 @pytest.mark.parametrize("noise", [0.01, 0.1], ids=["bad", "refused"])
 def test_a_slew_limit_that_makes_the_excitation_small_is_named_with_what_helps(noise: float) -> None:
     stage = StagePlant(StageSettings(sample_rate=20_000.0, resonances=(900.0,), noise=noise))

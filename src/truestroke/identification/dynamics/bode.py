@@ -78,6 +78,8 @@ class SmallMotion:
         Ticks that pass in this loop before a measurement can be used, beside the one until the next command.
     slew_limit, wanted_slew : float
         What the voltage was held to, and what the excitation as large as it was to be would need, V/s.
+    travel : float
+        How far somebody has let the stage go, um; infinite where nobody has said.
     """
 
     sample_rate: float
@@ -89,12 +91,14 @@ class SmallMotion:
     latency: int = 0
     slew_limit: float = math.inf
     wanted_slew: float = 0.0
+    travel: float = math.inf
 
     @property
     def louder(self) -> str:
         """What makes the stage answer more clearly, in words."""
         if self.wanted_slew <= self.slew_limit:
-            return "raise `amplitude` or `duration`"
+            further = "" if math.isinf(self.travel) else f" and, with it, `travel` ({figures(self.travel)} um),"
+            return f"raise `amplitude`{further} or `duration`"
         return (
             f"raise the slew limit, {self.slew_limit:g} V/s, which makes the excitation small: up to "
             f"{figures(self.wanted_slew)} V/s helps"
