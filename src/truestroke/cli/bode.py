@@ -105,7 +105,7 @@ def _reported(
     if used is not None:
         found.dynamics.save(used)
     bounds = limits["voltage_limits"], limits["slew_limit"]
-    made = dynamics.page(found, *bounds, common.as_asked()["command"])
+    made = dynamics.page(found, *bounds, common.to_repeat())
     pictures = common.save_page(made, page_file, plots)
     code = ExitCode.of(found.verdict)
     if as_json:

@@ -12,7 +12,7 @@ import re
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -363,17 +363,35 @@ def _kind(ending: str) -> files.Kind:
 
 
 def as_asked() -> dict[str, Any]:
-    """For recording and page: the options, and the command that repeats them, without those that name files."""
+    """For a recording: the options, and the command that repeats them, without those that name files."""
+    options = {name: value for name, value in click.get_current_context().params.items() if name not in FILES}
+    return {"command": _command(FILES), "options": options}
+
+
+def to_repeat() -> str:
+    """For a page: the command that writes it and what it is about again, to the same names."""
+    return _command([name for name in FILES if name != "output"])
+
+
+def _command(without: Collection[str]) -> str:
+    """The command as it was called, but for some of its options."""
     context = click.get_current_context()
     words = ["truestroke", context.info_name or ""]
     for parameter in context.command.params:
         name, value = parameter.name or "", context.params.get(parameter.name or "")
-        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE or name in FILES:
-            continue
-        flag = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
-        words += flag + [str(v).removesuffix(".0") for v in (value if isinstance(value, tuple) else (value,))]
-    options = {name: value for name, value in context.params.items() if name not in FILES}
-    return {"command": system.command_line(*words), "options": options}
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE and name not in without:
+            words += _words(parameter, value)
+    return system.command_line(*words)
+
+
+def _words(parameter: click.Parameter, value: Any) -> list[str]:
+    """An argument or an option as it was typed: without a value where it is a switch, again for each of several."""
+    if getattr(parameter, "is_flag", False):
+        return [parameter.opts[0]]
+    values = value if isinstance(value, tuple) else (value,)
+    name = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
+    texts = [str(one).removesuffix(".0") for one in values]
+    return [word for text in texts for word in (*name, text)] if parameter.multiple else [*name, *texts]
 
 
 # ---- What is written and printed -----------------------------------------------------------------------------------
