@@ -174,7 +174,7 @@ def _code_of(error: BaseException | None) -> int:
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
-    from truestroke.control.feasibility import NAMES, LimitWarning
+    from truestroke.control.feasibility import LOWER, NAMES, LimitWarning
 
     others, shown = warnings.showwarning, (LimitWarning, LatenessWarning, ModelWarning)
 
@@ -183,6 +183,8 @@ def _warnings_as_lines() -> Iterator[None]:
             others(message, category, *where, **more)
             return
         context, text = click.get_current_context(silent=True), str(message)
+        if context and NAMES["slew"] not in context.params:
+            text = text.replace(LOWER.format(NAMES["slew"]), "; a slower motion keeps the default")
         for name in NAMES.values():
             if context and name in context.params:
                 text = text.replace(name, f"--{name.replace('_', '-')}")
