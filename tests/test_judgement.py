@@ -627,6 +627,19 @@ def test_what_several_checks_ask_for_is_found_once(monkeypatch: pytest.MonkeyPat
     assert asked.count("_other_unit") == 1
 
 
+@pytest.mark.parametrize("name", ["the sign is wrong", "the sensor stands still", "the sensor jumps"])
+def test_a_resonance_that_was_given_is_no_cause_where_a_sensor_is(name: str) -> None:
+    """Which takes the command to a voltage limit; none of 54 runs with a wrong f0 is there."""
+    wrongly = {
+        "the sign is wrong": lambda z, k: -z,
+        "the sensor stands still": lambda z, k: np.where(k > 1500, 5.0, z),
+        "the sensor jumps": lambda z, k: z + 20.0 * (k > 2000),
+    }[name]
+    reasons = " ".join(judge(followed(wrongly, resonance=400.0)).reasons)
+    assert "the error is" in reasons.lower()
+    assert "resonance =" not in reasons
+
+
 @pytest.mark.parametrize(
     ("given", "known", "off", "said"),
     [

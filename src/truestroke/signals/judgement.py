@@ -472,9 +472,14 @@ def _elsewhere(run: _Run) -> Finding | None:
 
 
 def _assumed(run: _Run) -> Finding | None:
-    """Whether a resonance that was given may be that of another stage, where the motion is not followed."""
+    """Whether a resonance that was given may be that of another stage, where the motion is not followed.
+
+    A wrong one makes it late or lets it ring; a sensor that shows something else takes the command to a limit.
+    """
     given, known = _positive(settings(run.recording, "controller").get("resonance")), _known_resonance(run.recording)
     if not given or not known or run.rmse <= run.tolerable:
+        return None
+    if any(run.found(check) for check in (_saturated, _unmeasured, _rejected)):
         return None
     shown = f"the measurements showed {known:.4g} Hz" if abs(known / given - 1) > ELSEWHERE else "nothing has shown it"
     return "doubtful", (
