@@ -193,6 +193,13 @@ def test_a_stage_that_goes_too_far_is_stopped_at_the_safe_voltage() -> None:
     assert max(np.abs(np.diff(soft.volts))) * 2000.0 <= 504.0
 
 
+def test_a_band_below_the_resonance_is_what_is_widened() -> None:
+    """The sample rate is asked for where the band goes as far as it shows."""
+    words = r"no resonance from 5\d to 60 Hz, .* above, excite it by a higher `band` \(10000 Hz sees up to 4500 Hz\);"
+    with pytest.raises(DynamicsError, match=words):
+        measure_bode(StagePlant(), **LIMITS, band=(50.0, 60.0))
+
+
 def test_a_travel_that_was_given_is_named_where_more_of_it_helps() -> None:
     """A smaller amplitude keeps within it, and is lost in noise then; each remedy asked for the other."""
     known = {"duration": 0.5, "travel": 0.3}
