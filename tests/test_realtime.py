@@ -318,7 +318,23 @@ def test_a_recording_needs_no_name() -> None:
         ({"driver": {"name": "simulated", "faults": [{"kind": "nan", "a": 1}]}}, "driver.faults.a = 1"),
         ({"driver": {"name": "simulated", "hardware_timed": 1}}, "driver.hardware_timed = 1: must be true or false"),
         ({"driver": {"name": "nidaqmx", "outputs": 1, "inputs": [], "um_per_volt": 1.0}}, "driver.outputs = 1"),
-        ({"driver": {"name": "nidaqmx", "outputs": ["a/b"], "inputs": ["a/c"]}}, "driver.um_per_volt = missing"),
+        (
+            {"driver": {"name": "nidaqmx"}},
+            r'driver.outputs = missing: must be given, such as outputs = \["Dev1/ao0"\]$',
+        ),
+        (
+            {"driver": {"name": "nidaqmx", "outputs": ["a/b"], "inputs": ["a/c"]}},
+            "um_per_volt = missing: .* such as um_",
+        ),
+        ({"driver": {"name": "nv200"}}, r'driver.resource = missing: must be given, such as resource = "ASRL3::INSTR"'),
+        (
+            {"driver": {"name": "pi", "host": "a"}},
+            r"driver.output_range = missing: .* such as output_range = \[-20.0, 120",
+        ),
+        (
+            {"driver": {"name": "visa"}},
+            r'driver.resource = missing: must be given, such as resource = "TCPIP::192\.168',
+        ),
         ({"epics": {"prefix": 3}}, "epics.prefix = 3: must be text"),
     ],
 )
