@@ -150,7 +150,11 @@ def in_plain_words(error: click.UsageError) -> str:
         bare = error.option_name.strip("-")  # that all begin with -- makes none alike
         alike = difflib.get_close_matches(bare, [one.strip("-") for one in error.possibilities])
         error = click.NoSuchOption(error.option_name, error.message, [f"--{one}" for one in alike])
-    message, metavar = error.format_message(), getattr(getattr(error, "param", None), "metavar", None)
+    param = getattr(error, "param", None)
+    message, metavar = error.format_message(), getattr(param, "metavar", None)
+    if isinstance(error, click.MissingParameter) and param is not None:
+        says = inputs.MAKERS.get(param.name or "") or getattr(param, "help", None)
+        message = f"{message.rstrip('.')}: {says.rstrip('.')}." if says else message
     unit = UNITS.get(metavar or "")
     asked = f", in {unit} and without the unit" if unit else ""
     return re.sub(
