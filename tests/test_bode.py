@@ -243,7 +243,7 @@ def test_what_is_no_stage_is_refused(settings: dict[str, float], words: str) -> 
     ("options", "words"),
     [
         ({"amplitude": 3.0}, "amplitude = 3.0 V: must be up to 2.1 V, from the bias of 1.5 V"),
-        ({"amplitude": 0.1, "slew_limit": 2.0}, "V/s are needed, slew_limit is 2 V/s"),
+        ({"amplitude": 0.1, "slew_limit": 2.0}, "V/s are needed, the slew limit is 2 V/s"),
         ({"band": (5.0, 950.0)}, r"band = \(5.0, 950.0\) Hz: must be within 1 Hz, .* and 900 Hz, 0.45 of the rate"),
         ({"bias": 4.0}, "bias = 4.0 V: must be from -0.6 to 3.6 V"),
         ({"modes": 4}, "modes = 4: must be a whole number from 1 to 3"),
@@ -322,6 +322,9 @@ def test_the_command_measures_one_axis_of_two(tmp_path: Path, monkeypatch: pytes
     ):
         code, printed = run(*words)
         assert (code, said in printed) == (2, True), printed
+    Path("slow.toml").write_text(TWO.replace("slew = 400.0", "slew = 0.1"))  # which has no slew_limit
+    code, printed = run("--config", "slow.toml", "--axis", "x", "--output", "s")
+    assert (code, "slow.toml: slew of the axis = 0.1 V/s: must be at least 0.4" in printed) == (2, True), printed
 
 
 DRIVER, X, Y = TWO.replace("[[axis]]", "#[[axis]]").split("#")

@@ -227,10 +227,8 @@ def _within_slew(waves: list[Multisine], rate: float, slew: float, amplitude: fl
             return wave
     if amplitude is not None:
         most = amplitude * SPARE * slew / needed
-        bound = (
-            f"up to {most:.3g} V: {figures(needed, 4)} V/s are needed, slew_limit is {slew:g} V/s; or a lower `band`"
-        )
-        raise SettingError("amplitude", amplitude, bound, "V")
+        bound = f"up to {most:.3g} V: {figures(needed, 4)} V/s are needed, the slew limit is {slew:g} V/s"
+        raise SettingError("amplitude", amplitude, f"{bound}; or a lower `band`", "V")
     return Multisine(wave.volts * (SPARE * slew / needed), wave.lines, wave.frequency)
 
 
