@@ -136,6 +136,8 @@ def test_too_fast_is_told_where_and_how_far():
     assert (late.start, late.stop) == pytest.approx((0.3, 0.5), abs=2e-3)
     assert late.worst == pytest.approx(10.0, abs=0.06)
     assert made.out_of_reach == ()
+    never = waveform(straight(), 4.0 + 0.01 * np.arange(1000.0), 1000.0, slew_limit=0.1)
+    assert "holds the motion back in 100 % of the time" in " ".join(never.verdict.reasons)  # not in 1e+02 %
 
 
 def test_what_the_record_never_showed_is_told():

@@ -415,10 +415,8 @@ def _findings(
         most = float(residual[around].max())
         where = f"{figures(f[around].min())} to {figures(f[around].max())} Hz"
         level: Level = "bad" if most > WRONG else "doubtful"
-        words = (
-            f"From {where} model and measurement differ by up to {100 * most:.2g} %: the stage has another mode there"
-        )
-        findings.append((level, f"{words}, or the excitation was disturbed."))
+        words = f"From {where} model and measurement differ by up to {figures(100 * most, 2)} %"
+        findings.append((level, f"{words}: the stage has another mode there, or the excitation was disturbed."))
     return trusted, findings
 
 
