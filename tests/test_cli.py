@@ -332,7 +332,7 @@ def test_compare_prints_a_table_and_writes_a_page_with_the_tuning() -> None:
         "a ruler",
         "by eye",
         "Tan &lt;et al.&gt;",
-        "compare --seed 5 --duration 2<",
+        "compare --seed 5 --duration 2 --output rivals<",
     ):
         assert text in page
     assert page.count("<svg") == 2
