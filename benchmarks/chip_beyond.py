@@ -36,7 +36,7 @@ class Case:
     ticks: int = 1000
     flags: str = "-O3"
 
-    def recorded(self, settings: ControllerSettings, rest: float, ticks: int, zero: float = 0.0) -> FloatArray:
+    def recorded(self, settings: ControllerSettings, rest: float, ticks: int, *_: object) -> FloatArray:
         """As `recorded.recorded`, with this stage and without the lost measurements."""
         controller = AdaptiveController.from_settings(settings)
         low, high = settings.voltage_limits

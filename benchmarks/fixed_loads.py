@@ -21,13 +21,13 @@ LOADS = (0.3, 0.4, 0.55, 0.7)  # of the resonance
 AMPLITUDES = (0.5, 1.0)  # um, of a stroke of 30
 
 
-def follow(f0: float, kind: str, load: float, amplitude: float, duration: float = 4.0) -> tuple[float, float, int]:
+def follow(f0: float, kind: str, load: float, amplitude: float) -> tuple[float, float, int]:
     """Largest error after 0.5 s over `amplitude`, um; resonance of the model over f0, Hz; failures of learning."""
     stage = StageSettings(
         sample_rate=RATE, resonances=(f0,), dampings=(0.02,), hysteresis_kind=kind, noise=0.01,
         hum=amplitude, hum_frequency=load * f0,
     )  # fmt: skip
-    wave = trajectories.sine(frequency=2.0, peak_to_peak=12.0, duration=duration, sample_rate=RATE)
+    wave = trajectories.sine(frequency=2.0, peak_to_peak=12.0, duration=4.0, sample_rate=RATE)
     controller = AdaptiveController(
         sample_rate=RATE, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=stage.dynamics()
     )

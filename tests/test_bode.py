@@ -193,6 +193,24 @@ def test_a_stage_that_goes_too_far_is_stopped_at_the_safe_voltage() -> None:
     assert max(np.abs(np.diff(soft.volts))) * 2000.0 <= 504.0
 
 
+def test_a_band_below_the_resonance_is_what_is_widened() -> None:
+    """The sample rate is asked for where the band goes as far as it shows."""
+    words = r"no resonance from 5\d to 60 Hz, .* above, excite it by a higher `band` \(10000 Hz sees up to 4500 Hz\);"
+    with pytest.raises(DynamicsError, match=words):
+        measure_bode(StagePlant(), **LIMITS, band=(50.0, 60.0))
+
+
+def test_a_travel_that_was_given_is_named_where_more_of_it_helps() -> None:
+    """A smaller amplitude keeps within it, and is lost in noise then; each remedy asked for the other."""
+    known = {"duration": 0.5, "travel": 0.3}
+    with pytest.raises(DynamicsError, match=r"or, where the stage may go so far, a larger `travel`$"):
+        measure_bode(StagePlant(), **LIMITS, **known)
+    with pytest.raises(DynamicsError, match=r"raise `amplitude` and, with it, `travel` \(0\.3 um\), or `duration`"):
+        measure_bode(StagePlant(), **LIMITS, **known, amplitude=0.0005)
+    with pytest.raises(DynamicsError, match="raise `amplitude` or `duration`"):
+        measure_bode(StagePlant(), **LIMITS, duration=0.5, amplitude=0.0005)
+
+
 @pytest.mark.parametrize("noise", [0.01, 0.1], ids=["bad", "refused"])
 def test_a_slew_limit_that_makes_the_excitation_small_is_named_with_what_helps(noise: float) -> None:
     stage = StagePlant(StageSettings(sample_rate=20_000.0, resonances=(900.0,), noise=noise))
@@ -225,7 +243,7 @@ def test_what_is_no_stage_is_refused(settings: dict[str, float], words: str) -> 
     ("options", "words"),
     [
         ({"amplitude": 3.0}, "amplitude = 3.0 V: must be up to 2.1 V, from the bias of 1.5 V"),
-        ({"amplitude": 0.1, "slew_limit": 2.0}, "V/s are needed, slew_limit is 2 V/s"),
+        ({"amplitude": 0.1, "slew_limit": 2.0}, "V/s are needed, the slew limit is 2 V/s"),
         ({"band": (5.0, 950.0)}, r"band = \(5.0, 950.0\) Hz: must be within 1 Hz, .* and 900 Hz, 0.45 of the rate"),
         ({"bias": 4.0}, "bias = 4.0 V: must be from -0.6 to 3.6 V"),
         ({"modes": 4}, "modes = 4: must be a whole number from 1 to 3"),
@@ -304,6 +322,9 @@ def test_the_command_measures_one_axis_of_two(tmp_path: Path, monkeypatch: pytes
     ):
         code, printed = run(*words)
         assert (code, said in printed) == (2, True), printed
+    Path("slow.toml").write_text(TWO.replace("slew = 400.0", "slew = 0.1"))  # which has no slew_limit
+    code, printed = run("--config", "slow.toml", "--axis", "x", "--output", "s")
+    assert (code, "slow.toml: slew of the axis = 0.1 V/s: must be at least 0.4" in printed) == (2, True), printed
 
 
 DRIVER, X, Y = TWO.replace("[[axis]]", "#[[axis]]").split("#")

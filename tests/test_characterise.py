@@ -233,7 +233,7 @@ def test_the_command_writes_model_recording_and_page(tmp_path: Path, monkeypatch
     assert len(told["pictures"]) == len(list((tmp_path / "pictures").iterdir())) == 4
     assert load_model("stage.toml").weights[0:16:2].tolist() == told["a"]
     text = (tmp_path / "stage.html").read_text()
-    assert "truestroke characterise --speeds 100,200,300 --duration 2<" in text
+    assert "truestroke characterise --speeds 100,200,300 --duration 2 --output stage<" in text
     assert f"{told['a'][0]:.3f}" in text
     again = call("--record", "stage.h5", "--output", "again")
     assert again.exit_code == 0, again.output

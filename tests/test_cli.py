@@ -213,6 +213,9 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["track", "--duration", "soon"], "'--duration': 'soon' is no number, in s and without the unit.", 2),
         (["track", "--frequency", "5kHz"], "'5kHz' is no number, in Hz and without the unit.", 2),
         (["track", "--seed", "1.5"], "'1.5' is no whole number.", 2),
+        (["commission"], "Missing option '--config': `truestroke run --example` prints one. See: ", 2),
+        (["export", "c"], "Missing option '--output': c: a new or empty folder; json, fmu: a file. See: ", 2),
+        (["score"], "Missing argument 'MODEL': `truestroke identify` writes it. See: ", 2),
         (["track", "--strok", "3"], "No such option '--strok'. See: truestroke track --help", 2),
         (["track", "--overwrit"], "No such option '--overwrit'. Did you mean '--overwrite'? See: ", 2),
         (["track", "--voltage-limits", "0", "150"], "moves 30 um from -0.6 to 3.6 V, before its amplifier", 2),
@@ -329,7 +332,7 @@ def test_compare_prints_a_table_and_writes_a_page_with_the_tuning() -> None:
         "a ruler",
         "by eye",
         "Tan &lt;et al.&gt;",
-        "compare --seed 5 --duration 2<",
+        "compare --seed 5 --duration 2 --output rivals<",
     ):
         assert text in page
     assert page.count("<svg") == 2

@@ -16,6 +16,7 @@ from truestroke.cli import main
 from truestroke.control import feasibility
 from truestroke.control.baselines import ConstantGain
 from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
+from truestroke.runtime.realtime import Axis, runner
 from truestroke.signals.judgement import judge
 from truestroke.signals.trajectories import Trajectory, random_wave, raster, sine, staircase, triangle
 
@@ -122,6 +123,10 @@ def test_the_default_slew_limit_is_raised_for_a_known_motion_that_needs_more_and
     assert recording.metadata["controller"]["settings"]["slew_limit"] == pytest.approx(1423, abs=1)
     assert metrics.summary(recording).slewed_ticks == 0
     assert judge(recording).level == "good"
+    assert recording.metadata["notices"][0].endswith("; set slew_limit to keep it lower")
+    axis = {"voltage_limits": (-0.6, 3.6), "slew": 1000.0, "safe_voltage": 0.0}
+    on = Axis(name="x", trajectory=wave, controller=truestroke.AdaptiveController(**bench), **axis)
+    assert runner._check_motions([on])[0].endswith("; set slew of axis x to keep it lower")
     assert feasibility.needed_slew(wave, ControllerSettings(**bench, slew_limit=505.0)) is None
     assert feasibility.needed_slew(wave, ControllerSettings(**bench), most=1000.0) == 1000.0  # that of the axis stays
 
@@ -193,6 +198,7 @@ def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypat
     assert line.startswith(
         "truestroke: slew_limit is 1530 V/s in place of its default, 504 V/s: the motion needs about"
     )
+    assert line.endswith("; a slower motion keeps the default")  # the command has no option for a limit
     done = CliRunner().invoke(main, [*fast, "--frequency", "4", "--voltage-limits", "-0.6", "1.9"])
     assert done.stderr == ""  # the prior follows from the limits
 

@@ -249,6 +249,12 @@ def test_margins_of_a_loop_in_closed_form() -> None:
         ({"stroke": 20.0, "noise": -0.1}, "noise"),
         ({"stroke": 20.0, "hum": 9000.0}, "hum"),
         ({"stroke": 20.0, "hum": [50.0] * 7}, "lines in hum"),
+        (
+            {"stroke": 20.0, "hum": 2000.0},  # of the mains nobody has so much, but of a converter
+            r"hum = 2000\.0 Hz: must be up to 1500 Hz, its harmonics below 0\.45 of the sample rate; without "
+            r"those above write the lines, hum = \[2000\.0, 4000\.0\]$",
+        ),
+        ({"stroke": 20.0, "hum": "50"}, "hum = '50' Hz: must be a number"),
     ],
 )
 def test_bad_arguments_are_refused(arguments: dict[str, float], words: str) -> None:

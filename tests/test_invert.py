@@ -2,7 +2,10 @@
 
 import dataclasses
 import json
+import re
+import shlex
 import warnings
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +136,8 @@ def test_too_fast_is_told_where_and_how_far():
     assert (late.start, late.stop) == pytest.approx((0.3, 0.5), abs=2e-3)
     assert late.worst == pytest.approx(10.0, abs=0.06)
     assert made.out_of_reach == ()
+    never = waveform(straight(), 4.0 + 0.01 * np.arange(1000.0), 1000.0, slew_limit=0.1)
+    assert "holds the motion back in 100 % of the time" in " ".join(never.verdict.reasons)  # not in 1e+02 %
 
 
 def test_what_the_record_never_showed_is_told():
@@ -300,6 +305,20 @@ def call(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_model("model.toml", straight(zero=5.0))
     return lambda *words: CliRunner().invoke(main, ["invert", *words, "--model", "model.toml"])
+
+
+def test_what_the_page_says_to_repeat_it_writes_the_same_again(call):
+    """To the same names; a switch has no value, as --strict True had."""
+    words = ["sine", "--duration", "1", "--peak-to-peak", "10", "--output", "wave one.npz", "--report", "one.html"]
+    assert call(*words, "--strict").exit_code == 1  # there are warnings
+    before = Path("one.html").read_text()
+    (command,) = re.findall(r"<h2>To repeat it</h2>\s*<pre><code>(.*?)</code>", before)
+    waveform = Path("wave one.npz").read_bytes()
+    Path("wave one.npz").unlink()
+    done = CliRunner().invoke(main, shlex.split(unescape(command))[1:])
+    assert done.exit_code == 1, done.output
+    assert Path("wave one.npz").read_bytes() == waveform
+    assert f"<code>{command}</code>" in Path("one.html").read_text()
 
 
 def test_command_writes_what_it_says(call):

@@ -599,13 +599,45 @@ def test_a_motion_above_the_resonance_is_too_fast_and_no_wrong_sign(sign: float)
         assert "faster" not in " ".join(reasons)
 
 
-def test_whether_a_motion_is_too_fast_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two checks of a bad run ask for it."""
-    asked, find = [], judgement._faster_than_stage
-    monkeypatch.setattr(judgement, "_faster_than_stage", lambda run: asked.append(run) or find(run))
+def test_what_several_checks_ask_for_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a run that goes through all checks, and of one in another unit, which ends after the first."""
+    asked: list[str] = []
+
+    def counted(check):
+        def find(run):
+            asked.append(check.__name__)
+            return check(run)
+
+        return find
+
+    of = {check: counted(check) for check in (*judgement.CHECKS, judgement._other_unit)}
+    for check, one in of.items():
+        monkeypatch.setattr(judgement, check.__name__, one)
+    for name in ("CHECKS", "OTHER_CAUSES"):
+        monkeypatch.setattr(judgement, name, tuple(of[check] for check in getattr(judgement, name)))
     wave = 10.0 * np.sin(2 * np.pi * 20.0 * np.arange(4000) / RATE)
     assert judge(made(noisy(-wave), wave, volts=0.1 * wave)).level == "bad"
-    assert len(asked) == 1
+    assert sorted(asked) == sorted(check.__name__ for check in of)
+    asked.clear()
+    settings = {"name": "AdaptiveController", "settings": {"stroke": 30.0, "voltage_limits": LIMITS}}
+    assert (
+        "Scale what it reports"
+        in judge(made(1000.0 * noisy(wave), wave, {"controller": settings}, volts=0.1 * wave)).reasons[0]
+    )
+    assert asked.count("_other_unit") == 1
+
+
+@pytest.mark.parametrize("name", ["the sign is wrong", "the sensor stands still", "the sensor jumps"])
+def test_a_resonance_that_was_given_is_no_cause_where_a_sensor_is(name: str) -> None:
+    """Which takes the command to a voltage limit; none of 54 runs with a wrong f0 is there."""
+    wrongly = {
+        "the sign is wrong": lambda z, k: -z,
+        "the sensor stands still": lambda z, k: np.where(k > 1500, 5.0, z),
+        "the sensor jumps": lambda z, k: z + 20.0 * (k > 2000),
+    }[name]
+    reasons = " ".join(judge(followed(wrongly, resonance=400.0)).reasons)
+    assert "the error is" in reasons.lower()
+    assert "resonance =" not in reasons
 
 
 @pytest.mark.parametrize(

@@ -165,6 +165,16 @@ def test_a_fault_of_the_hardware_fails_the_run(engine: Any, axis: Any) -> None:
     assert found[0]["exit_status"] == "fail"
 
 
+@pytest.mark.parametrize(
+    ("points", "least"), [(10, "2e-05 s, so that a line of 10 points"), (1, "0.0002 s, so that it")]
+)
+def test_a_line_that_takes_no_two_ticks_is_named_by_its_points(points: int, least: str) -> None:
+    """4e-7 s of a point, which the scan states, and not the 4e-6 s of the line, which nobody does."""
+    scan = [flights.Line(5.0, 15.0, points, 4e-7 * points)]
+    with pytest.raises(SettingError, match=rf"^duration of a point = 4e-07 s: must be at least {least} takes 2 ticks$"):
+        flights.flight(scan, 10_000.0, speed=500.0)
+
+
 @pytest.mark.parametrize("duration", [0.0, -0.01])
 def test_a_point_that_takes_no_time_is_named_with_its_duration(duration):
     with pytest.raises(SettingError, match=rf"^duration of a point = {duration:g} s: must be above 0 s: 0.005 @ spec"):

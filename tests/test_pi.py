@@ -694,6 +694,7 @@ def test_the_command_says_what_is_wrong(bench, fake, change, arguments, message)
 def test_a_waveform_that_is_none_is_refused(bench) -> None:
     for rows, message in (
         ("t,z\n0,1\n1,2\n", "which column is volts? Head it volts (V); there are"),
+        ("t,volts\n0,1\n1,2\n", "which column is time? Head it time (s); there are"),
         ("time,volts\n0,1\n1,1\n5,1\n", "as even times are"),
     ):
         Path("wave.csv").write_text(rows)

@@ -269,7 +269,8 @@ def test_a_recording_needs_no_name() -> None:
         ({"axis.safe_voltage": 5.0}, "safe_voltage = 5.0 V"),
         ({"axis.zero": "measure"}, "axis.zero = 'measure' um: must be a number or 'measured'$"),
         ({"axis.controller": "pid"}, "axis.controller = 'pid': must be one of adaptive, paper"),
-        ({"axis.settings": {"slew_limit": 3.0}}, "axis.settings.slew_limit"),
+        ({"axis.settings": {"slew_limit": 3.0}}, r"axis.settings.slew_limit = 3.0: must be slew, in \[\[axis\]\]$"),
+        ({"axis.settings": {"stroke": 3.0}}, r"axis.settings.stroke = 3.0: must be in \[\[axis\]\], above its other"),
         ({"axis.controller": "paper", "axis.settings": {"trim_rate": 3.0}}, "there are none"),
         ({"axis.model": "m.toml"}, "left out where there is a model"),
         ({"axis.trajectory": 3}, "axis.trajectory = 3: must be a table"),
@@ -318,7 +319,23 @@ def test_a_recording_needs_no_name() -> None:
         ({"driver": {"name": "simulated", "faults": [{"kind": "nan", "a": 1}]}}, "driver.faults.a = 1"),
         ({"driver": {"name": "simulated", "hardware_timed": 1}}, "driver.hardware_timed = 1: must be true or false"),
         ({"driver": {"name": "nidaqmx", "outputs": 1, "inputs": [], "um_per_volt": 1.0}}, "driver.outputs = 1"),
-        ({"driver": {"name": "nidaqmx", "outputs": ["a/b"], "inputs": ["a/c"]}}, "driver.um_per_volt = missing"),
+        (
+            {"driver": {"name": "nidaqmx"}},
+            r'driver.outputs = missing: must be given, such as outputs = \["Dev1/ao0"\]$',
+        ),
+        (
+            {"driver": {"name": "nidaqmx", "outputs": ["a/b"], "inputs": ["a/c"]}},
+            "um_per_volt = missing: .* such as um_",
+        ),
+        ({"driver": {"name": "nv200"}}, r'driver.resource = missing: must be given, such as resource = "ASRL3::INSTR"'),
+        (
+            {"driver": {"name": "pi", "host": "a"}},
+            r"driver.output_range = missing: .* such as output_range = \[-20.0, 120",
+        ),
+        (
+            {"driver": {"name": "visa"}},
+            r'driver.resource = missing: must be given, such as resource = "TCPIP::192\.168',
+        ),
         ({"epics": {"prefix": 3}}, "epics.prefix = 3: must be text"),
     ],
 )

@@ -282,6 +282,20 @@ def test_a_run_that_is_lost_stops(name: str) -> None:
     assert 800 < outcome.ticks < 2200  # 0.7 s later at the latest
 
 
+@pytest.mark.parametrize(("limit", "said"), [(0.005, True), (0.06, False)])
+def test_an_error_limit_below_the_noise_of_the_sensor_is_named(limit: float, said: bool) -> None:
+    """Of 10 nm: such a run ends while the motion is followed. Beside it a sensor that jumps, with as much noise."""
+    outcome, _ = went(
+        lambda z, k: z if said or k < 800 else z + 20.0, axis(error_limit=limit), axis_check=False, error_time=0.1
+    )
+    assert outcome.cause is Cause.NOT_TRACKING, outcome
+    named = re.search(
+        r"That limit is below the noise of the sensor, 0\.01\d um rms: set error_limit to 0\.0\d+ um", outcome.reason
+    )
+    assert bool(named) is said, outcome.reason
+    assert ("Look at sensor" in outcome.reason) is not said
+
+
 def test_an_operators_run_that_is_lost_stops_too() -> None:
     point = SetPoint(reach=(0.0, 20.0), speed=100.0, duration=2.0)
     outcome, _ = went(lambda z, k: z if k < 800 else z + 50.0, axis(point, safe_voltage=0.0), axis_check=False)
@@ -322,7 +336,7 @@ def test_no_good_run_is_lost(name: str, paper: bool, limits: tuple[float, float]
         z = plant.exchange(np.array([volts]))[0]
         on.controller.adapt(z, 0)
         if abs(z - z_d) > watch.limit:
-            watch.astray(z_d, z, volts)
+            assert not watch.astray(volts)
         else:
             watch.on_track()
 
@@ -343,7 +357,7 @@ def test_supervision_is_a_small_part_of_a_tick() -> None:
 
     def each_tick() -> None:
         if abs(z - desired) > limit:
-            watch.astray(desired, z, 1.0)
+            watch.astray(1.0)
         elif not watch.idle:
             watch.on_track()
 

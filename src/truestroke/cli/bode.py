@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.base import files
+from truestroke.base import checks, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
 from truestroke.cli import common, realtime
@@ -53,7 +53,8 @@ def bode(config: Path | None, axis: str | None, output: str, plots: Path | None,
     (page_file,) = common.outputs(name, ".html")
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.DYNAMICS)
     try:
-        with _actuator(config, axis) as (actuator, limits):
+        named = {} if config is None else {"slew_limit": f"{config}: slew of the axis"}
+        with _actuator(config, axis) as (actuator, limits), checks.inside("", named):
             found = _measured(actuator, limits, options, as_json)
     except truestroke.DynamicsError as error:
         return _failed(str(error), as_json)
@@ -105,7 +106,7 @@ def _reported(
     if used is not None:
         found.dynamics.save(used)
     bounds = limits["voltage_limits"], limits["slew_limit"]
-    made = dynamics.page(found, *bounds, common.as_asked()["command"])
+    made = dynamics.page(found, *bounds, common.to_repeat())
     pictures = common.save_page(made, page_file, plots)
     code = ExitCode.of(found.verdict)
     if as_json:

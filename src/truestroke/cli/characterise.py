@@ -59,7 +59,7 @@ def characterise(record: Path | None, output: str, plots: Path | None, as_json: 
         from truestroke.studies.characterisation import page
 
         verdict = page.judged(found)
-        made = page.page(found, common.as_asked()["command"])
+        made = page.page(found, common.to_repeat())
         pictures = common.save_page(made, page_file, plots)
     code = ExitCode.of(verdict)
     if as_json:

@@ -140,7 +140,7 @@ def _told(found: Findings, config: Path, axis: str | None, page: Path, as_json: 
     backup = write(config, changes, axis) if changes else None
     named = {"axis": axis or "axis"}
     lines = [f"{named.get(table, table)}.{key} = {value:g}" for (table, key), (value, _) in changes.items()]
-    page_of(found, lines, common.as_asked()["command"]).save(page)
+    page_of(found, lines, common.to_repeat()).save(page)
     if as_json:
         written = {f"{table}.{key}": value for (table, key), (value, _) in changes.items()}
         files = {"config": str(config), "backup": backup and str(backup), "page": str(page)}

@@ -12,7 +12,7 @@ import re
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -150,7 +150,11 @@ def in_plain_words(error: click.UsageError) -> str:
         bare = error.option_name.strip("-")  # that all begin with -- makes none alike
         alike = difflib.get_close_matches(bare, [one.strip("-") for one in error.possibilities])
         error = click.NoSuchOption(error.option_name, error.message, [f"--{one}" for one in alike])
-    message, metavar = error.format_message(), getattr(getattr(error, "param", None), "metavar", None)
+    param = getattr(error, "param", None)
+    message, metavar = error.format_message(), getattr(param, "metavar", None)
+    if isinstance(error, click.MissingParameter) and param is not None:
+        says = inputs.MAKERS.get(param.name or "") or getattr(param, "help", None)
+        message = f"{message.rstrip('.')}: {says.rstrip('.')}." if says else message
     unit = UNITS.get(metavar or "")
     asked = f", in {unit} and without the unit" if unit else ""
     return re.sub(
@@ -174,7 +178,7 @@ def _code_of(error: BaseException | None) -> int:
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
-    from truestroke.control.feasibility import NAMES, LimitWarning
+    from truestroke.control.feasibility import LOWER, NAMES, LimitWarning
 
     others, shown = warnings.showwarning, (LimitWarning, LatenessWarning, ModelWarning)
 
@@ -183,6 +187,8 @@ def _warnings_as_lines() -> Iterator[None]:
             others(message, category, *where, **more)
             return
         context, text = click.get_current_context(silent=True), str(message)
+        if context and NAMES["slew"] not in context.params:
+            text = text.replace(LOWER.format(NAMES["slew"]), "; a slower motion keeps the default")
         for name in NAMES.values():
             if context and name in context.params:
                 text = text.replace(name, f"--{name.replace('_', '-')}")
@@ -363,17 +369,35 @@ def _kind(ending: str) -> files.Kind:
 
 
 def as_asked() -> dict[str, Any]:
-    """For recording and page: the options, and the command that repeats them, without those that name files."""
+    """For a recording: the options, and the command that repeats them, without those that name files."""
+    options = {name: value for name, value in click.get_current_context().params.items() if name not in FILES}
+    return {"command": _command(FILES), "options": options}
+
+
+def to_repeat() -> str:
+    """For a page: the command that writes it and what it is about again, to the same names."""
+    return _command([name for name in FILES if name != "output"])
+
+
+def _command(without: Collection[str]) -> str:
+    """The command as it was called, but for some of its options."""
     context = click.get_current_context()
     words = ["truestroke", context.info_name or ""]
     for parameter in context.command.params:
         name, value = parameter.name or "", context.params.get(parameter.name or "")
-        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE or name in FILES:
-            continue
-        flag = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
-        words += flag + [str(v).removesuffix(".0") for v in (value if isinstance(value, tuple) else (value,))]
-    options = {name: value for name, value in context.params.items() if name not in FILES}
-    return {"command": system.command_line(*words), "options": options}
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE and name not in without:
+            words += _words(parameter, value)
+    return system.command_line(*words)
+
+
+def _words(parameter: click.Parameter, value: Any) -> list[str]:
+    """An argument or an option as it was typed: without a value where it is a switch, again for each of several."""
+    if getattr(parameter, "is_flag", False):
+        return [parameter.opts[0]]
+    values = value if isinstance(value, tuple) else (value,)
+    name = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
+    texts = [str(one).removesuffix(".0") for one in values]
+    return [word for text in texts for word in (*name, text)] if parameter.multiple else [*name, *texts]
 
 
 # ---- What is written and printed -----------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ def compare(seed: int, duration: float, output: str, plots: Path | None, as_json
     with common.progress("plotting"):
         from truestroke.studies.compare import page
 
-        made = page.page(found.rows, found.rivals, common.as_asked()["command"])
+        made = page.page(found.rows, found.rivals, common.to_repeat())
         pictures = common.save_page(made, page_file, plots)
     if as_json:
         common.print_json({**found.as_dict(), "page": str(page_file), "pictures": pictures})

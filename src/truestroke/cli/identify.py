@@ -42,7 +42,7 @@ def identify(
 
         made = identified.model_page(
             found, data, findings=findings, model_file=target, next_commands=tuple(_next(target, found.model)),
-            command=common.as_asked()["command"],
+            command=common.to_repeat(),
         )  # fmt: skip
         pictures = common.save_page(made, page_file, plots)
     if as_json:

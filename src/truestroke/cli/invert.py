@@ -47,7 +47,7 @@ def invert(
     with common.progress("plotting"):
         from truestroke.report import waveform as pages
 
-        page = pages.page(made, known, waveforms.rows(made, known), common.as_asked()["command"])
+        page = pages.page(made, known, waveforms.rows(made, known), common.to_repeat())
         pictures = common.save_page(page, page_file, plots)
     if as_json:
         found = {**waveforms.as_dict(made), "model_rmse_um": reach.error_of(known)}

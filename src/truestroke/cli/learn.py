@@ -83,7 +83,7 @@ def learn(
     except truestroke.DriverError as error:
         return common.complain(str(error), ExitCode.DRIVER)
     model, why = _model(found, given["model"], model_file)
-    made = learning.page(found, common.as_asked()["command"])
+    made = learning.page(found, common.to_repeat())
     pictures = common.save_page(made, page_file, plots)
     if as_json:
         written: dict[str, Any] = {"waveform": str(target), "model": model and str(model), "no_model": why}

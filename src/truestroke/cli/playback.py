@@ -38,8 +38,7 @@ def playback(
     if Path(output).suffix != ".csv":
         raise click.UsageError(f"--output {output}: is a file .csv.")
     target = common.to_write("--output", output, files.MEASUREMENT)
-    with waveforms.by_heading():
-        volts, rate = read_waveform(waveform)
+    volts, rate = read_waveform(waveform)
     verdict = verdict_of(waveform)
     if verdict.is_bad and not force:
         reasons = " ".join(verdict.reasons)

@@ -20,7 +20,7 @@ def reproduce(names: tuple[str, ...], output: str, plots: Path | None, as_json: 
     with common.progress("plotting"):
         from truestroke.studies.paper.page import page
 
-        pictures = common.save_page(page(results, common.as_asked()["command"]), page_file, plots)
+        pictures = common.save_page(page(results, common.to_repeat()), page_file, plots)
     if as_json:
         found = [result.as_dict() for result in results]
         common.print_json({"results": found, "page": str(page_file), "pictures": pictures})

@@ -70,7 +70,7 @@ def robustness(
 
         number = page.worst_first(rows)[0].number
         worst = studies.record(seed, number, controllers[0])
-        paths = common.save_page(page.page(rows, worst, common.as_asked()["command"]), page_file, plots)
+        paths = common.save_page(page.page(rows, worst, common.to_repeat()), page_file, plots)
     if as_json:
         runs = [{"number": row.number, "what": row.sampled["what"], **row.metrics} for row in rows]
         found = {"table": [vars(line) for line in studies.lines(rows)], "runs": runs}
@@ -110,7 +110,7 @@ def _fast(
 
         row, controller = page.worst_first(rows)[0]
         recording = fast.record(seed, row.number, controller)
-        made = page.page(rows, (row, controller), recording, common.as_asked()["command"])
+        made = page.page(rows, (row, controller), recording, common.to_repeat())
         paths = common.save_page(made, page_file, plots)
     if as_json:
         runs = [{"number": row.number, **row.sampled, **row.metrics} for row in rows]

@@ -71,7 +71,7 @@ def scan(
         loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
         found = image(stage, motion, seed)  # in the thread that Ctrl-C interrupts
         report = loading.result()
-        made = report.page(found, common.as_asked()["command"])
+        made = report.page(found, common.to_repeat())
         pictures = common.save_page(made, page_file, plots)
     every = [
         dataclasses.replace(one, name=f"{name}, {one.name}")
@@ -166,7 +166,7 @@ def _on_hardware(
     with common.progress("plotting"):
         from truestroke.report import scan as report
 
-        pictures = common.save_page(report.page(found, verdict, common.as_asked()["command"]), page_file, plots)
+        pictures = common.save_page(report.page(found, verdict, common.to_repeat()), page_file, plots)
     if as_json:
         names = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
         run = realtime.as_dict(done, code)

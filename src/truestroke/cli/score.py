@@ -41,7 +41,7 @@ def score(
     with common.progress("plotting"):
         from truestroke.report.identified import score as pages
 
-        made = pages.score_page(found, known, model, common.as_asked()["command"])
+        made = pages.score_page(found, known, model, common.to_repeat())
         pictures = common.save_page(made, page_file, plots)
     if as_json:
         metrics = {f.name: getattr(found, f.name) for f in dataclasses.fields(found)}

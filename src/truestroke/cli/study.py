@@ -77,7 +77,7 @@ def _report(store: Store, asked: Study, page_file: Path, plots: Path | None, as_
         raise click.ClickException(page.failures(failed) or f"{store.path} holds no run yet.")
     verdict = studies.judge(asked, rows, failed)
     with common.progress("plotting"):
-        made = page.page(asked, rows, cost, common.as_asked()["command"], failed)
+        made = page.page(asked, rows, cost, common.to_repeat(), failed)
         paths = common.save_page(made, page_file, plots)
     if as_json:
         lines = {line.controller: vars(line) for line in studies.lines(asked, rows)}

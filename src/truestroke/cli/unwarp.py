@@ -58,7 +58,7 @@ def unwarp(
     found = truestroke.unwarp(before, scanned, fast, slow, align=align)
     kept = list(found.images.values())
     scans.save_images(target, kept[0] if target.suffix == ".gsf" else kept)
-    made = report.page(found, before, common.as_asked()["command"])
+    made = report.page(found, before, common.to_repeat())
     pictures = common.save_page(made, page_file, plots)
     if as_json:
         written = {"image": str(target), "page": str(page_file), "pictures": pictures}

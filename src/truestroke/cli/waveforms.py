@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,12 +29,6 @@ MOTIONS = {
     "raster": ("raster", {"frequency": "frequency", "turn": "turn", "settle": "turn", **SHARED}),
     "staircase": ("staircase", {"velocity_limit": "velocity_limit", **SHARED}),
     "step": ("step", {"velocity_limit": "velocity_limit", "settle": "settle", **SHARED}),
-}
-COLUMNS = {  # where columns are not known: in place of an argument of Python, the heading, for no option does it
-    "is position? Name it": "is position? Head it z (um)",
-    "is time? Name it": "is time? Head it t (s)",
-    "is volts? Name it": "is volts? Head it volts (V)",
-    "; name one": "; keep one of them in the file",
 }
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 
@@ -68,10 +61,10 @@ motion_options = common.options(
 
 
 def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.Trajectory:
-    """The motion that `name`, the options and, of a file, further arguments of `trajectories.from_csv` describe."""
+    """The motion that `name`, the options and, of a file, further arguments of `from_headings` describe."""
     keys = ("frequency", "velocity_limit", "turn", "settle", *SHARED)
     given = {key: value for key in keys if (value := options[key]) is not None}
-    function, understood = MOTIONS.get(name, ("from_csv", {"sample_rate": "sample_rate"}))
+    function, understood = MOTIONS.get(name, ("from_headings", {"sample_rate": "sample_rate"}))
     for key in given:
         if key not in understood:
             raise click.UsageError(f"--{key.replace('_', '-')} means nothing to {name}: leave it out.")
@@ -86,20 +79,7 @@ def motion(name: str, options: Mapping[str, Any], **of_file: Any) -> truestroke.
     arguments = {understood[key]: value for key, value in given.items()}
     if name not in MOTIONS:
         arguments |= {"path": name, **of_file}
-    with by_heading():
-        return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
-
-
-@contextmanager
-def by_heading() -> Iterator[None]:
-    """Where the columns of a file are not known, say what heading they need."""
-    try:
-        yield
-    except truestroke.RecordError as error:
-        for by_argument, heading in COLUMNS.items():
-            if by_argument in error.reason:
-                raise truestroke.RecordError(error.source, error.reason.replace(by_argument, heading)) from None
-        raise
+    return getattr(truestroke.trajectories, function)(**arguments)  # type: ignore[no-any-return]
 
 
 def dynamics_of(file: Path, sample_rate: float) -> truestroke.Dynamics:

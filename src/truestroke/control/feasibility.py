@@ -39,6 +39,7 @@ NAMES: Mapping[str, str] = {
     "slew": "slew_limit",
 }
 """The words of Python for what can be changed; other callers give their own."""
+LOWER = "; set {} to keep it lower"  # behind a limit that was raised
 
 
 @shown_as_public
@@ -442,8 +443,13 @@ class UnknownMotion:
         )
 
 
-def raise_slew(trajectory: Trajectory | Pursued, controller: Any, most: float = math.inf) -> tuple[str, ...]:
-    """Raise the default slew limit of a controller as `needed_slew` states, and report it; () where it stays."""
+def raise_slew(
+    trajectory: Trajectory | Pursued, controller: Any, most: float = math.inf, named: str = NAMES["slew"]
+) -> tuple[str, ...]:
+    """Raise the default slew limit of a controller as `needed_slew` states, and report it; () where it stays.
+
+    `named` is what keeps it lower.
+    """
     settings = getattr(controller, "settings", None)
     if not isinstance(settings, ControllerSettings) or not isinstance(trajectory, Trajectory):
         return ()
@@ -455,7 +461,7 @@ def raise_slew(trajectory: Trajectory | Pursued, controller: Any, most: float = 
     needs = demands(trajectory, settings, mode)
     return (
         f"{NAMES['slew']} is {figures(slew, 4)} V/s in place of its default, {settings.slew_limit:g} V/s: the motion "
-        f"needs about {figures(needs.slew)} V/s ({_pace(needs, settings)}); set {NAMES['slew']} to keep it lower",
+        f"needs about {figures(needs.slew)} V/s ({_pace(needs, settings)}){LOWER.format(named)}",
     )
 
 

@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base import checks
+from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, figures, quantity
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
@@ -460,13 +461,18 @@ def _refusal(dynamics: Dynamics, latency: int) -> str:
 
 def lines_of(hum: float | Sequence[float], rate: float) -> tuple[float, ...]:
     """The lines of the mains below 0.45 of the sample rate, Hz."""
-    if isinstance(hum, Sequence | np.ndarray):
+    highest = SEEN * rate
+    if isinstance(hum, Sequence | np.ndarray) and not isinstance(hum, str):
         lines = [checks.positive("hum", line, "Hz") for line in hum]
     else:
         first = checks.within("hum", hum, 0.0, 1e6, "Hz")
         lines = [first * i for i in range(1, HARMONICS_OF_HUM + 1)] if first else []
+        if lines and first <= highest < lines[-1]:
+            bound = f"up to {highest / HARMONICS_OF_HUM:g} Hz, its harmonics below {SEEN} of the sample rate"
+            alone = [line for line in lines if line <= highest]
+            raise SettingError("hum", first, f"{bound}; without those above write the lines, hum = {alone}", "Hz")
     checks.count("the number of lines in hum", len(lines), 0, LINES)
-    return tuple(checks.within("hum", line, 1e-4 * rate, SEEN * rate, "Hz") for line in lines)
+    return tuple(checks.within("hum", line, 1e-4 * rate, highest, "Hz") for line in lines)
 
 
 def _with_resonators(

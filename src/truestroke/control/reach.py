@@ -155,8 +155,8 @@ def _of_limits(model: "ActuatorModel", made: Made, held: Held, least: float) -> 
     if worst > least and share > LIMITED:
         yield (
             "bad" if share > STUCK else "doubtful",
-            f"The slew limit holds the motion back in {100 * share:.2g} % of the time, by up to {_share(worst, made)}: "
-            "make it slower, or raise the limit.",
+            f"The slew limit holds the motion back in {figures(100 * share, 2)} % of the time, by up to "
+            f"{_share(worst, made)}: make it slower, or raise the limit.",
         )
 
 

@@ -16,6 +16,7 @@ from truestroke.model.dynamics import Dynamics
 from truestroke.signals.trajectories import Trajectory
 
 ALIKE = 1e-6  # relative: speeds that are one speed
+SHORTEST = 2  # ticks of a line
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,11 @@ def flight(
 
     Between two lines the axis moves to the next run-up.
 
+    Raises
+    ------
+    SettingError
+        A line takes no two ticks.
+
     Examples
     --------
     >>> made, ticks = flight([Line(5.0, 15.0, 10, 0.1), Line(15.0, 5.0, 10, 0.1)], 2000.0, speed=500.0)
@@ -92,6 +98,10 @@ def flight(
     places: list[slice] = []
     ticks = 0
     for line in scan:
+        if line.duration < (least := SHORTEST / sample_rate):
+            each, points = line.duration / line.points, f"a line of {line.points} points" if line.points > 1 else "it"
+            bound = f"at least {least / line.points:g} s, so that {points} takes {SHORTEST} ticks"
+            raise SettingError("duration of a point", f"{each:g}", bound, "s")
         made, on = motions.line(line.start, line.end, line.duration, sample_rate, stage=stage)
         if parts and parts[-1].position[-1] != made.position[0]:
             parts.append(motions.move(parts[-1].position[-1], made.position[0], sample_rate, speed=speed, stage=stage))

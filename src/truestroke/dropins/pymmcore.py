@@ -70,6 +70,7 @@ class _Piezo:
 
     def _register(self, path: str, names: dict[str, str]) -> None:
         self._path: Path | None = None
+        self._failed = "not initialized, or could not be: see the log above"
         self._begun: list[Any] = []
         self._origin = dict.fromkeys(names, 0.0)
         self.register_property(CONFIG, default_value=path, is_pre_init=True)
@@ -80,9 +81,13 @@ class _Piezo:
         """Open the axes: the outputs go from the safe voltage to 0 um."""
         self._names = {role: self.get_property_value(role) for role in self._origin}
         path = _place(self.get_property_value(CONFIG))
-        self._axes, self._path = _Opened.enter(path), path
-        for name in self._names.values():
-            self._axes.at(name)  # an error now, if there is no such axis
+        try:
+            self._axes, self._path = _Opened.enter(path), path
+            for name in self._names.values():
+                self._axes.at(name)  # an error now, if there is no such axis
+        except Exception as error:
+            self._failed = f"not initialized: {error}"  # for who finds no device later: the host logs it and goes on
+            raise
         for role, name in self._names.items():
             show = {"is_read_only": True, "property_type": float}
             self.register_property(f"{role} volts", getter=lambda _, n=name: self._axes.volts(n), **show)
@@ -113,7 +118,7 @@ class _Piezo:
 
     def _opened(self) -> Axes:
         if self._path is None:
-            raise RuntimeError(f"Device {self.get_label()!r} is not initialized, or could not be: see the log above")
+            raise RuntimeError(f"Device {self.get_label()!r} is {self._failed}")
         return self._axes
 
     def stop(self) -> None:

@@ -226,7 +226,9 @@ def read_scan_record(
     wanted.append(
         Wanted("retrace", none, ("retrace",), retrace_trigger, needed=retrace_trigger is not None, certain=True)
     )
-    wanted.append(Wanted("time", UNITS["time"], ("t", "time"), time, needed=sample_rate is None))
+    wanted.append(
+        Wanted("time", UNITS["time"], ("t", "time"), time, needed=sample_rate is None, instead="the `sample_rate`")
+    )
     signals, _ = read_columns(path, found, wanted, ())
     refuse_bad_rows(str(path), signals, found)
     rate = even_rate(path, found, signals.get("time"), sample_rate)
@@ -258,8 +260,8 @@ def read_lines(path: str | Path) -> npt.NDArray[np.void]:
     """
     path = checks.path("path", path)
     found = open_table(path)
-    wanted = [Wanted(name, UNITS["time"], (name,)) for name in ("start", "end")]
-    wanted.append(Wanted("direction", {"": 1.0}, ("direction",)))
+    wanted = [Wanted(name, UNITS["time"], (name,), heading=f"{name} (s)") for name in ("start", "end")]
+    wanted.append(Wanted("direction", {"": 1.0}, ("direction",), heading="direction"))
     signals, _ = read_columns(path, found, wanted, ())
     refuse_bad_rows(str(path), signals, found)
     made = np.zeros(signals["start"].size, LINE)

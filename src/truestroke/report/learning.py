@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from truestroke.base.display import figures
 from truestroke.control.repeating.iterative import Learned, Pass
 from truestroke.report import spectra, style, units, words
 from truestroke.report.charts import Chart, Line, Panel
@@ -38,7 +39,7 @@ def rows(found: Learned) -> list[list[str]]:
         cells = ["-"] * 4
         if one.measured.size:
             lengths = map(units.length, (one.maximum, one.noise))
-            cells = [units.length(one.rmse), f"{100 * one.rmse / span:.2g} %", *lengths]
+            cells = [units.length(one.rmse), f"{figures(100 * one.rmse / span, 2)} %", *lengths]
         remark = "undone" if one.undone else "best" if one is found.best else ""
         made.append([str(one.number), *cells, remark if one.measured.size else "missed"])
     return made
@@ -72,7 +73,7 @@ def page(found: Learned, command: str | None = None) -> Page:
     span = float(np.ptp(made.desired))
     return Page(
         title=f"A motion of {span:.3g} um, learned in {len(found.passes)} passes",
-        lead=f"Rmse {units.length(best.rmse)}, {100 * best.rmse / span:.2g} % of peak-to-peak, from "
+        lead=f"Rmse {units.length(best.rmse)}, {figures(100 * best.rmse / span, 2)} % of peak-to-peak, from "
         f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz."
         + "".join(f" Note: {note}" for note in notes(found)),
         verdict=found.verdict,

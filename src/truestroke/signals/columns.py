@@ -39,6 +39,10 @@ class Wanted:
     certain : bool
         For what will be put out: no heading is better than another, none is found by its unit alone, and a unit that is
         not known is refused.
+    heading : str
+        What its column must be headed, where the caller cannot name it: "z (um)".
+    instead : str
+        What the caller can give in its place: "the `sample_rate`".
     """
 
     role: str
@@ -48,6 +52,8 @@ class Wanted:
     unit: str | None = None
     needed: bool = True
     certain: bool = False
+    heading: str = ""
+    instead: str = ""
 
     def __post_init__(self) -> None:
         if self.unit is not None and unit(self.unit) not in self.units:
@@ -105,8 +111,9 @@ def read_columns(
         if index is not None and index not in found.values():
             found[w.role] = index
         elif w.needed:
-            help_ = " or give the `sample_rate`" if w.role == "time" else ""
-            raise RecordError(source, f"which column is {w.role}? Name it{help_}; {_listing(table)}")
+            known = f"Head it {w.heading}" if w.heading else "Name it"
+            remedy = f"{known} or give {w.instead}" if w.instead else known
+            raise RecordError(source, f"which column is {w.role}? {remedy}; {_listing(table)}")
     for role, index in found.items():
         if both := " and ".join(other for other, place in found.items() if place == index and other != role):
             number = "; a heading is looked for before a number" if table.names and table.names[index].isdigit() else ""
@@ -150,7 +157,8 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
         matches = [i for i in fits if table.units[i] in wanted.units]
     if len(matches) > 1:
         several = ", ".join(_heading(table, i) for i in matches)
-        raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); name one")
+        remedy = "keep one of them in the file" if wanted.heading else "name one"
+        raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); {remedy}")
     return matches[0] if matches else None
 
 

@@ -1,7 +1,7 @@
 """Whether a run is good: from its recording, the same for every command; docs/exit-codes.md has the thresholds."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -131,10 +131,10 @@ def judge(recording: Recording) -> Verdict:
     except SettingError:
         return Verdict("bad", (f"No measurement came in the second half of the run{_because(recording)}.",))
     run = _Run(recording, measured)
-    checks_of_it: Sequence[Check] = (_ending, _other_unit, _missed) if _other_unit(run) else CHECKS
-    if _at_an_end(run):
+    checks_of_it: Sequence[Check] = (_ending, _other_unit, _missed) if run.found(_other_unit) else CHECKS
+    if run.found(_at_an_end):
         checks_of_it = [check for check in checks_of_it if check not in OTHER_CAUSES]
-    return Verdict.of(found for check in checks_of_it if (found := check(run)))
+    return Verdict.of(found for check in checks_of_it if (found := run.found(check)))
 
 
 def _because(recording: Recording) -> str:
@@ -163,6 +163,13 @@ class _Run:
 
     recording: Recording
     metrics: TrackingSummary
+    findings: dict[Check, Finding | None] = field(default_factory=dict)
+
+    def found(self, check: Check) -> Finding | None:
+        """What a check finds, computed once: others depend on it."""
+        if check not in self.findings:
+            self.findings[check] = check(self)
+        return self.findings[check]
 
     @cached_property
     def half(self) -> slice:
@@ -204,16 +211,6 @@ class _Run:
         """Ticks before which the desired position jumps as no actuator can."""
         steps = np.abs(np.diff(self.recording["desired"]))
         return np.flatnonzero(steps > max(2 * self.tolerable, JUMPS * _rms(steps))) + 1
-
-    @cached_property
-    def at_an_end(self) -> Finding | None:
-        """Made once, too."""
-        return _sensor_at_an_end(self)
-
-    @cached_property
-    def too_fast(self) -> Finding | None:
-        """Made once: two checks ask for it."""
-        return _faster_than_stage(self)
 
     def ticks_in(self, seconds: float) -> int:
         return min(max(round(seconds / self.metrics.duration_s * self.metrics.ticks), 1), self.metrics.ticks)
@@ -266,7 +263,7 @@ def _saturated(run: _Run) -> Finding | None:
 
 
 def _slewed(run: _Run) -> Finding | None:
-    if _saturated(run):
+    if run.found(_saturated):
         return None  # a command that comes back from there is fast, too
     if found := _limited(run, "slewed", "met the slew limit"):
         return "doubtful", found[1]
@@ -293,10 +290,6 @@ def _limited(run: _Run, flag: str, words: str) -> Finding | None:
 
 
 def _at_an_end(run: _Run) -> Finding | None:
-    return run.at_an_end
-
-
-def _sensor_at_an_end(run: _Run) -> Finding | None:
     """A sensor that shows one value while the voltage goes on: nothing is known of the motion there."""
     known = np.isfinite(run.recording["measured"])
     if "volts" not in run.recording or not known.any():
@@ -320,10 +313,6 @@ def _sensor_at_an_end(run: _Run) -> Finding | None:
 
 
 def _too_fast(run: _Run) -> Finding | None:
-    return run.too_fast
-
-
-def _faster_than_stage(run: _Run) -> Finding | None:
     """A motion that a volt moves less than half as far as it does slowly: the cause of what else is found then."""
     if run.rmse <= NOT_FOLLOWED * run.tolerable or "volts" not in run.recording or not run.usable.any():
         return None
@@ -397,7 +386,7 @@ def _gain(run: _Run) -> Finding | None:
     deviation = float(np.std(residual)) / spread / np.sqrt(max(1.0, known.sum() / COLOURED))
     if abs(gain - 1) < STANDS or abs(gain - 1) < SURE * deviation:
         return _hidden(run) if SURE * deviation > STANDS else None
-    if run.too_fast:
+    if run.found(_too_fast):
         return None  # above its resonance a stage goes against its voltage
     what = "the actuator did not follow, or this is not its sensor"
     if gain < -0.1 or _answers_backwards(run):
@@ -483,9 +472,14 @@ def _elsewhere(run: _Run) -> Finding | None:
 
 
 def _assumed(run: _Run) -> Finding | None:
-    """Whether a resonance that was given may be that of another stage, where the motion is not followed."""
+    """Whether a resonance that was given may be that of another stage, where the motion is not followed.
+
+    A wrong one makes it late or lets it ring; a sensor that shows something else takes the command to a limit.
+    """
     given, known = _positive(settings(run.recording, "controller").get("resonance")), _known_resonance(run.recording)
     if not given or not known or run.rmse <= run.tolerable:
+        return None
+    if any(run.found(check) for check in (_saturated, _unmeasured, _rejected)):
         return None
     shown = f"the measurements showed {known:.4g} Hz" if abs(known / given - 1) > ELSEWHERE else "nothing has shown it"
     return "doubtful", (
@@ -497,7 +491,7 @@ def _assumed(run: _Run) -> Finding | None:
 def _restored(run: _Run) -> Finding | None:
     """Whether the controller gave up what it had learned."""
     count = run.metrics.restored_ticks
-    if not count or _elsewhere(run):
+    if not count or run.found(_elsewhere):
         return None
     return "doubtful", (
         f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held "
@@ -540,7 +534,7 @@ def _many_changes(run: _Run) -> bool:
 
 def _alarmed(run: _Run) -> Finding | None:
     count = run.metrics.changed_ticks or 0
-    if not _many_changes(run) or _elsewhere(run):
+    if not _many_changes(run) or run.found(_elsewhere):
         return None
     return "doubtful", (
         f"The controller detected {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
@@ -566,7 +560,7 @@ def _unsettled(run: _Run) -> Finding | None:
 
 def _burst(run: _Run) -> Finding | None:
     """An error of some milliseconds, after the motion was followed: a window of 0.25 s does not show it."""
-    if run.metrics.duration_s < 4 * WINDOW or run.rmse > run.tolerable or _unsettled(run):
+    if run.metrics.duration_s < 4 * WINDOW or run.rmse > run.tolerable or run.found(_unsettled):
         return None
     length = max(run.ticks_in(BURST), min(FEWEST, run.ticks_in(WINDOW)))
     errors, end = run.windows(length), run.metrics.ticks
@@ -656,7 +650,7 @@ def _grew(run: _Run) -> Finding | None:
     """An error that grows while the motion stays as it is: the median of the last quarter of the run, beside others."""
     if beyond := _beyond_resonance(run):
         return beyond  # which says more
-    if _between_periods(run):
+    if run.found(_between_periods):
         return None
     windows = run.windows()
     quarter = windows.size // 4

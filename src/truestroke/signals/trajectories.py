@@ -9,8 +9,8 @@ acceleration s a + 2 s' v + s'' z.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -727,16 +727,47 @@ def from_csv(
     >>> move.velocity[1:].round(4).tolist(), bool(np.all(same.position == move.position))
     ([2.0, 4.0, 6.0, 8.0], True)
     """
-    path = checks.path("path", path)
     with checks.inside("", {"position_unit": "unit"}):
-        place = Wanted("position", UNITS["displacement"], HEADINGS["position"], position, unit, certain=True)
-    wanted = [place, Wanted("time", UNITS["time"], HEADINGS["time"], time, needed=sample_rate is None, certain=True)]
+        wanted = [
+            Wanted("position", UNITS["displacement"], HEADINGS["position"], position, unit, certain=True),
+            Wanted("time", UNITS["time"], HEADINGS["time"], time, certain=True),
+        ]
     for role, key, of in (("velocity", velocity, "um/s"), ("acceleration", acceleration, "um/s^2")):
         if key is not None:
             wanted.append(Wanted(role, {of: 1.0}, key=key, unit=of))
+    return _of_columns(path, wanted, sample_rate, ramp)
+
+
+def from_headings(path: str | Path, *, sample_rate: float | None = None, ramp: float = 0.25) -> Trajectory:
+    r"""A motion from a file whose columns nobody names, as of a command: an error says how to head them.
+
+    Arguments, result and errors as of `from_csv`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "move.csv")
+    ...     _ = path.write_text("z (nm)\n" + "".join(f"{k * k}\n" for k in range(5)))
+    ...     move = from_headings(path, sample_rate=1000.0, ramp=0.0)
+    >>> move.position.round(4).tolist()
+    [0.0, 0.001, 0.004, 0.009, 0.016]
+    """
+    wanted = [
+        Wanted("position", UNITS["displacement"], HEADINGS["position"], certain=True, heading="z (um)"),
+        Wanted("time", UNITS["time"], HEADINGS["time"], certain=True, heading="t (s)"),
+    ]
+    return _of_columns(path, wanted, sample_rate, ramp)
+
+
+def _of_columns(path: str | Path, wanted: Sequence[Wanted], sample_rate: float | None, ramp: float) -> Trajectory:
+    """The motion of a file, from the columns that are wanted, position and time first."""
+    path = checks.path("path", path)
+    position, time, *derivatives = wanted
+    time = replace(time, needed=sample_rate is None, instead="the `sample_rate`")
     table = open_table(path, narrowest=1)
     places = {1: ("position",), 2: ("time", "position")}.get(table.width, ())
-    signals, columns = read_columns(path, table, wanted, places)
+    signals, columns = read_columns(path, table, [position, time, *derivatives], places)
     refuse_bad_rows(str(path), signals, table)
     z = signals["position"]
     if z.size < 4:
@@ -756,8 +787,8 @@ def from_csv(
     given = "acceleration" in signals
     zddot = factor * signals["acceleration"] if given else differences(zdot, rate)
     checks.within("ramp", ramp, 0.0, z.size / rate / 2, "s")
-    settings: dict[str, object] = {"path": str(path), "position": position, "time": time, "velocity": velocity}
-    settings |= {"acceleration": acceleration if given else ESTIMATED, "unit": unit, "ramp": ramp}
+    keys = {"velocity": None, "acceleration": ESTIMATED} | {w.role: w.key for w in wanted}
+    settings: dict[str, object] = {"path": str(path), **keys, "unit": position.unit, "ramp": ramp}
     return _made("file", rate, ramped(seconds, (z, zdot, zddot), ramp), settings)
 
 

@@ -124,7 +124,7 @@ class _Held(NamedTuple):
         if not share > 0:
             return cls(0.0, "")
         limit, remedy = max(shares, key=lambda one: shares[one])
-        holds = f"{limit} holds {100 * share:.2g} % of the waveform: what it cuts off cannot be learned."
+        holds = f"{limit} holds {figures(100 * share, 2)} % of the waveform: what it cuts off cannot be learned."
         return cls(share, f"{holds} {remedy}")
 
 
@@ -380,7 +380,8 @@ class IterativeLearning(Displayed):
         if np.mean(cut) <= LIMITED:
             return
         end = float(np.median(z[cut]))
-        value = f"{100 * np.mean(cut):.2g} % of the samples at {figures(end, 4)} um, while the voltage goes on"
+        share = figures(100 * float(np.mean(cut)), 2)
+        value = f"{share} % of the samples at {figures(end, 4)} um, while the voltage goes on"
         bound = (
             f"of a sensor that goes beyond, for a motion of {figures(float(self.desired.min()))} to "
             f"{figures(float(self.desired.max()))} um: shift its range, or the motion (`offset`), or make it smaller"

@@ -28,6 +28,7 @@ STILL = 20  # lines: the lowest
 RISE = 1.4  # relative: from where a resonance is prominent to its peak, at most
 NEAR = 0.1  # relative: about a peak all lines are fitted
 LOW = 0.05  # of the first resonance: below it nothing is judged
+ALL = 0.9  # of the highest frequency that a sample rate shows: a band that goes so far is as wide as can be
 SPRING = 0.3  # of it: below, the stage is a spring, and hysteresis and creep scatter and curve the response
 BINS = 60  # a decade, of what is shown and judged
 FEWEST = 8  # lines of a bin
@@ -78,6 +79,8 @@ class SmallMotion:
         Ticks that pass in this loop before a measurement can be used, beside the one until the next command.
     slew_limit, wanted_slew : float
         What the voltage was held to, and what the excitation as large as it was to be would need, V/s.
+    travel : float
+        How far somebody has let the stage go, um; infinite where nobody has said.
     """
 
     sample_rate: float
@@ -89,15 +92,17 @@ class SmallMotion:
     latency: int = 0
     slew_limit: float = math.inf
     wanted_slew: float = 0.0
+    travel: float = math.inf
 
     @property
     def louder(self) -> str:
         """What makes the stage answer more clearly, in words."""
         if self.wanted_slew <= self.slew_limit:
-            return "raise `amplitude` or `duration`"
+            further = "" if math.isinf(self.travel) else f" and, with it, `travel` ({figures(self.travel)} um),"
+            return f"raise `amplitude`{further} or `duration`"
         return (
             f"raise the slew limit, {self.slew_limit:g} V/s, which makes the excitation small: up to "
-            f"{figures(self.wanted_slew)} V/s helps"
+            f"{figures(self.wanted_slew)} V/s helps, as does a lower `band`"
         )
 
 
@@ -175,7 +180,7 @@ def identify_dynamics(
     peak = _peak(whole, local, record.louder)
     chosen = _chosen(whole, local, peak)
     made = fits(chosen, peak, _delay(whole, local, peak), modes or 3)
-    best = beside_a_lag(_best(made, modes, chosen), made)
+    best = beside_a_lag(_best(made, modes, chosen, record), made)
     dynamics = _dynamics(best, record, chosen, sensor_delay, sensor_bandwidth)
     return _judged(dynamics, best, whole, record, known)
 
@@ -240,7 +245,7 @@ def _chosen(spectra: Spectra, local: LocalResponse, peak: float) -> Spectra:
     return Spectra(s.sample_rate, s.ticks, f[kept], s.U[kept], s.Y[kept], s.variance[kept])
 
 
-def _best(made: list[Fit], modes: int | None, used: Spectra) -> Fit:
+def _best(made: list[Fit], modes: int | None, used: Spectra, record: SmallMotion) -> Fit:
     """The best whose inverse is stable, with modes that are seen: one beyond is none, but the slope of a lag."""
     end = min(0.99 * used.frequency[-1], SEEN * used.sample_rate)
     wanted = [fit for fit in made if modes in (None, fit.frequency.size) and fit.frequency.max() < end]
@@ -253,17 +258,20 @@ def _best(made: list[Fit], modes: int | None, used: Spectra) -> Fit:
             "measure the displacement where the load is, or raise `amplitude`"
         )
     if modes is None:
-        raise _no_resonance(used)
+        raise _no_resonance(used, record)
     count = made[0].frequency.size
     raise DynamicsError(f"the record has no evidence of {modes} modes, but of {count}: leave `modes` out")
 
 
-def _no_resonance(used: Spectra) -> NoResonanceError:
+def _no_resonance(used: Spectra, record: SmallMotion) -> NoResonanceError:
+    """A band helps where the excitation ends below what the sample rate shows, a higher rate elsewhere."""
     rate, (low, high) = used.sample_rate, used.frequency[[0, -1]]
+    sees = f"{rate:g} Hz sees up to {SEEN * rate:g} Hz"
+    wide = record.excitation.frequency[-1] > ALL * SEEN * rate
+    remedy = f"raise the sample rate ({sees})" if wide else f"excite it by a higher `band` ({sees})"
     return NoResonanceError(
         f"no resonance from {figures(low)} to {figures(high, 4)} Hz, where the response was seen: if there is one "
-        f"above, raise the sample rate ({rate:g} Hz sees up to {SEEN * rate:g} Hz); if it is well damped, use the "
-        "controller without dynamics",
+        f"above, {remedy}; if it is well damped, use the controller without dynamics",
         spring_to(used.frequency, _averaged(used)),
     )
 
@@ -306,7 +314,7 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
     rate, (low, high) = record.sample_rate, used.frequency[[0, -1]]
     first = int(np.argmin(fit.frequency))
     if not (low < fit.frequency[first] < high and fit.resonates(first)):
-        raise _no_resonance(used)
+        raise _no_resonance(used, record)
     ticks, sure = fit.delay * rate, fit.deviations.get("dead_time", 0.0) * rate
     early = max(EARLIEST - ticks, 0.0)  # a soft stage shows lag and dead time as one: what is too early is less lag
     slight = SLIGHT * rate / fit.frequency[first]  # what hysteresis alone does to the phase of a soft stage
@@ -407,10 +415,8 @@ def _findings(
         most = float(residual[around].max())
         where = f"{figures(f[around].min())} to {figures(f[around].max())} Hz"
         level: Level = "bad" if most > WRONG else "doubtful"
-        words = (
-            f"From {where} model and measurement differ by up to {100 * most:.2g} %: the stage has another mode there"
-        )
-        findings.append((level, f"{words}, or the excitation was disturbed."))
+        words = f"From {where} model and measurement differ by up to {figures(100 * most, 2)} %"
+        findings.append((level, f"{words}: the stage has another mode there, or the excitation was disturbed."))
     return trusted, findings
 
 

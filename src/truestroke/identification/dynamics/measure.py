@@ -167,11 +167,12 @@ def measure_bode(
         wanted = fastest(waves[-1].volts, timing.sample_rate) / SPARE
         report("excitation")
         reach = TRAVEL * abs(gain) * (high - low) if travel is None else travel
-        z = line.excite(wave, bias, reach)
+        z = line.excite(wave, bias, reach, given=travel is not None)
     report("fitting")
     record = SmallMotion(
         sample_rate=timing.sample_rate, excitation=wave, z=z, bias=bias, noise=noise, gain=gain,
         latency=timing.latency + timing.block - 1, slew_limit=slew, wanted_slew=wanted,
+        travel=math.inf if travel is None else travel,
     )  # fmt: skip
     return identify_dynamics(record, modes=modes, sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth)
 
@@ -226,10 +227,8 @@ def _within_slew(waves: list[Multisine], rate: float, slew: float, amplitude: fl
             return wave
     if amplitude is not None:
         most = amplitude * SPARE * slew / needed
-        bound = (
-            f"up to {most:.3g} V: {figures(needed, 4)} V/s are needed, slew_limit is {slew:g} V/s; or a lower `band`"
-        )
-        raise SettingError("amplitude", amplitude, bound, "V")
+        bound = f"up to {most:.3g} V: {figures(needed, 4)} V/s are needed, the slew limit is {slew:g} V/s"
+        raise SettingError("amplitude", amplitude, f"{bound}; or a lower `band`", "V")
     return Multisine(wave.volts * (SPARE * slew / needed), wave.lines, wave.frequency)
 
 
@@ -263,8 +262,11 @@ class _Line:
             bias + swing * np.minimum(1.0, 4 * part) * (1 - part) ** 2 * np.sin(2 * np.pi * frequency * t)
         )
 
-    def put(self, volts: FloatArray, within: tuple[float, float] | None = None) -> FloatArray:
-        """Put `volts` out; the displacement of each, um, which comes after the latency: the last is held for it."""
+    def put(self, volts: FloatArray, within: tuple[float, float] | None = None, further: str = "") -> FloatArray:
+        """Put `volts` out; the displacement of each, um, which comes after the latency: the last is held for it.
+
+        `further` is what else helps where it is not `within`.
+        """
         block, late = self.timing.block, self.timing.latency
         all_of_it = np.append(volts, np.full(late, volts[-1]))
         z = np.empty(all_of_it.size)
@@ -277,7 +279,7 @@ class _Line:
                 lost = lost + 1 if math.isnan(value) else 0
                 beyond = beyond + 1 if within and not within[0] <= value <= within[1] and not lost else 0
             if beyond >= SPIKES and within:
-                self.too_far(z[: k + block], within)
+                self.too_far(z[: k + block], within, further)
             if lost > GAP * self.timing.sample_rate:
                 at = f"{k / self.timing.sample_rate:.3f} s"
                 raise DynamicsError(
@@ -285,7 +287,7 @@ class _Line:
                 )
         return z[late:]
 
-    def too_far(self, z: FloatArray, within: tuple[float, float]) -> None:
+    def too_far(self, z: FloatArray, within: tuple[float, float], further: str) -> None:
         """DynamicsError, with the frequency of the motion."""
         rate = self.timing.sample_rate
         recent = np.nan_to_num(z[-round(0.5 * rate) :] - np.nanmean(z))
@@ -294,7 +296,7 @@ class _Line:
         raise DynamicsError(
             f"the stage went to {z[-1]:.4g} um, further than `travel` allows, {within[0]:.4g} to {within[1]:.4g} um, "
             f"mostly at {frequency:.4g} Hz, {z.size / rate:.2g} s after the begin: use a smaller `amplitude` (V), or a "
-            "`band` without that frequency"
+            f"`band` without that frequency{further}"
         )
 
     def approach(self, bias: float, low: float, high: float) -> tuple[float, float]:
@@ -321,9 +323,13 @@ class _Line:
         self.rest = float(np.nanmean(still))
         return noise, moved / way
 
-    def excite(self, wave: Multisine, bias: float, travel: float) -> FloatArray:
-        """The multisine around the bias, after a part of it that leads in; displacement of its period, um."""
+    def excite(self, wave: Multisine, bias: float, travel: float, given: bool) -> FloatArray:
+        """The multisine around the bias, after a part of it that leads in; displacement of its period, um.
+
+        A travel that somebody has `given` may be larger, that of the measurement itself is as large as is safe.
+        """
         ahead = min(round(LEAD * self.timing.sample_rate), wave.volts.size)
         lead = wave.volts[-ahead:] * np.minimum(1.0, np.arange(1, ahead + 1) / (0.5 * ahead))
         volts = bias + np.concatenate([lead, wave.volts])
-        return self.put(volts, (self.rest - travel, self.rest + travel))[ahead:]
+        further = ", or, where the stage may go so far, a larger `travel`" if given else ""
+        return self.put(volts, (self.rest - travel, self.rest + travel), further)[ahead:]

@@ -209,7 +209,7 @@ def read_record(
     wanted = [Wanted(role, tables.UNITS[role], HEADINGS[role], *keys) for role, keys in asked.items()]
     table = tables.open_table(path)
     complete = drop_bad_rows or sample_rate is not None
-    wanted[2] = dataclasses.replace(wanted[2], needed=sample_rate is None)
+    wanted[2] = dataclasses.replace(wanted[2], needed=sample_rate is None, instead="the `sample_rate`")
     signals, columns = _read(path, table, wanted, complete)
     signals["displacement"] *= -scale if flip_displacement else scale
     signals["volts"] *= of_volts

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from truestroke.base.display import micrometres
+from truestroke.base.display import figures, micrometres
 from truestroke.identification import ActuatorModel, Score
 from truestroke.model.sampled import central_difference
 from truestroke.report import style, units
@@ -80,7 +80,7 @@ def score_page(found: Score, model: ActuatorModel, model_file: str | Path = "", 
     ]
     return Page(
         title=f"{Path(model_file).name or 'A model'} on {Path(found.trace.source).name or 'a record'}",
-        lead=f"The model predicts this record to {length(found.rmse_um)} rms, {found.rmse_percent:.2g} % of "
+        lead=f"The model predicts this record to {length(found.rmse_um)} rms, {figures(found.rmse_percent, 2)} % of "
         f"peak-to-peak, {length(found.maximum_um)} at most.",
         verdict=found.verdict,
         remark=REMARKS[found.verdict.level],

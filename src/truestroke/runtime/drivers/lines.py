@@ -7,7 +7,7 @@ import socket
 import string
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -95,10 +95,14 @@ class LineSettings:
     ('1',)
     """
 
-    resource: str
-    output_range: tuple[float, float]
-    voltage_command: str
-    position_query: str
+    resource: str = field(
+        metadata={"example": 'resource = "TCPIP::192.168.0.7::5025::SOCKET", or ASRL3::INSTR, which is COM3'}
+    )
+    output_range: tuple[float, float] = field(
+        metadata={"example": "output_range = [-20.0, 120.0] (V), what it may put out"}
+    )
+    voltage_command: str = field(metadata={"example": 'voltage_command = "VOLT{axis} {volts:.4f}"'})
+    position_query: str = field(metadata={"example": 'position_query = "POS{axis}?"'})
     axes: tuple[str, ...] = ("1",)
     backend: str = ""
     position_answer: str = "{position}"
@@ -126,7 +130,7 @@ class LineSettings:
         self._check_texts()
 
     def _check_texts(self) -> None:
-        for name, field in (
+        for name, filled in (
             ("voltage_command", "volts"),
             ("position_query", ""),
             ("position_answer", "position"),
@@ -134,7 +138,7 @@ class LineSettings:
             ("voltage_query", ""),
             ("voltage_answer", "volts"),
         ):
-            _check_fields(name, getattr(self, name), field)
+            _check_fields(name, getattr(self, name), filled)
         if not self.position_query:
             raise SettingError("position_query", "''", "the question for the position")
         for name in ("write_termination", "read_termination"):

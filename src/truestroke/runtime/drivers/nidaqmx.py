@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -137,9 +137,9 @@ class NidaqmxSettings:
     (5, 40)
     """
 
-    outputs: tuple[str, ...]
-    inputs: tuple[str, ...]
-    um_per_volt: tuple[float, ...] | float
+    outputs: tuple[str, ...] = field(metadata={"example": 'outputs = ["Dev1/ao0"]'})
+    inputs: tuple[str, ...] = field(metadata={"example": 'inputs = ["Dev1/ai0"]'})
+    um_per_volt: tuple[float, ...] | float = field(metadata={"example": "um_per_volt = 10.0, of the sensor"})
     offset: tuple[float, ...] | float = 0.0
     signals: tuple[AnalogSignal, ...] = ()
     sample_rate: float = 2000.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from truestroke.base import checks
 from truestroke.runtime.drivers.lines import NUMBER, LineDriver, LineSettings
@@ -47,8 +47,10 @@ class Nv200Settings:
     50.0
     """
 
-    resource: str
-    output_range: tuple[float, float]
+    resource: str = field(metadata={"example": 'resource = "ASRL3::INSTR", which is COM3'})
+    output_range: tuple[float, float] = field(
+        metadata={"example": "output_range = [-20.0, 120.0] (V), what it may put out"}
+    )
     um_per_unit: float = 1.0
     offset: float = 0.0
     sample_rate: float = 50.0

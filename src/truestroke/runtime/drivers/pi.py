@@ -6,7 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -83,8 +83,10 @@ class PiSettings:
     (1,)
     """
 
-    host: str
-    output_range: tuple[float, float]
+    host: str = field(metadata={"example": 'host = "192.168.0.5"'})
+    output_range: tuple[float, float] = field(
+        metadata={"example": "output_range = [-20.0, 120.0] (V), what it may put out"}
+    )
     port: int = 50000
     axes: tuple[str, ...] = ("1",)
     outputs: tuple[int, ...] | None = None

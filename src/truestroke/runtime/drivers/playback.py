@@ -67,7 +67,8 @@ def read_waveform(path: Path) -> tuple[FloatArray, float]:
     from truestroke.signals.tables import UNITS, open_table
 
     table = open_table(path)
-    wanted = [Wanted(role, UNITS[role], (role,), certain=True) for role in ("volts", "time")]
+    headings = {"volts": "volts (V)", "time": "time (s)"}
+    wanted = [Wanted(role, UNITS[role], (role,), certain=True, heading=name) for role, name in headings.items()]
     signals, _ = read_columns(path, table, wanted, ())
     refuse_bad_rows(str(path), signals, table)
     return signals["volts"], even_rate(path, table, signals["time"])

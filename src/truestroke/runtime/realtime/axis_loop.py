@@ -6,6 +6,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.control import feasibility
@@ -16,6 +17,7 @@ from truestroke.runtime.realtime.motion import motion, numbers
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings
 from truestroke.runtime.realtime.shared import FIELDS, Shared
 from truestroke.runtime.ticks import MARK, TICK, TickRecorder
+from truestroke.signals import metrics
 from truestroke.signals.channels import Array
 from truestroke.signals.timing import Timing
 
@@ -25,6 +27,7 @@ OFF = 1 << 62  # ticks: of what is switched off
 LARGE = 1 / 3  # of the error limit: rms of a sensor that no longer follows the voltage, and now
 MOVED = 0.05  # of the voltage range: standard deviation of a voltage that the sensor should follow
 ALIKE = 0.5  # correlation of voltage and sensor: a stack with any hysteresis has more than 0.9
+ABOVE = 6.0  # times the noise of a sensor: a limit of so much is met by an error only
 FROZEN = 0.01  # of the voltage range: a sensor that shows the same bits while the voltage moves so far has failed
 REMEDY = "Look at sensor, cable, sign and amplifier, and whether the stage shakes"
 
@@ -60,14 +63,13 @@ class Supervision:
         self._held = max(self._held - 1, 0)
         self.idle = not (self._off or self._held)
 
-    def astray(self, desired: float, measured: float, volts: float) -> None:
-        """A tick with an error beyond the limit, um, um, V; `Stop` where that has lasted too long."""
+    def astray(self, volts: float) -> bool:
+        """A tick with an error beyond the limit, under this voltage: whether that has lasted too long."""
         self.idle = False
         self._off += 1
         at_limit = not self._low < volts < self._high
         self._held += at_limit
-        if self._off >= self._longest_off or self._held >= self._longest_held:
-            self._stop(desired, measured, volts)
+        return self._off >= self._longest_off or self._held >= self._longest_held
 
     def look_back(self, desired: FloatArray, measured: FloatArray, volts: FloatArray) -> None:
         """The last ticks, um, um, V: `Stop` where the sensor does not follow the voltage and the axis is off."""
@@ -94,16 +96,27 @@ class Supervision:
         moves = volts.std() > MOVED * (self._high - self._low) or desired.std() > LARGE * self.limit
         return bool(moves and _alike(volts, measured) < ALIKE)
 
-    def _stop(self, desired: float, measured: float, volts: float) -> NoReturn:
+    def stop(self, desired: FloatArray, measured: FloatArray, volts: FloatArray) -> NoReturn:
+        """`Stop` with what the last of the last ticks shows, um, um, V."""
         held = self._held >= self._longest_held
         seconds = (self._held if held else self._off) / self._rate
         key = "limit_time" if held else "error_time"
-        where = f"stands at a voltage limit, {volts:.4g} V" if held else f"is at {volts:.4g} V"
+        where = f"stands at a voltage limit, {volts[-1]:.4g} V" if held else f"is at {volts[-1]:.4g} V"
         raise Stop(
             Cause.NOT_TRACKING,
             f"axis {self._axis.name}: tracking is lost: more than {self.limit:.3g} um (error_limit) off for "
-            f"{seconds:.2g} s ({key}); the output {where}, the sensor shows {measured:.4g} um, {desired:.4g} um are "
-            f"asked for. {REMEDY}; if the motion needs more than voltage_limits give, make it smaller",
+            f"{seconds:.2g} s ({key}); the output {where}, the sensor shows {measured[-1]:.4g} um, "
+            f"{desired[-1]:.4g} um are asked for. {self._remedy(measured - desired)}",
+        )
+
+    def _remedy(self, errors: FloatArray) -> str:
+        """Of a limit that the noise exceeds by itself, from the last errors, um; of a sensor that has not failed."""
+        noise, stroke = metrics.noise(errors), self._axis.known.stroke if self._axis.known else math.inf
+        if not self.limit < noise < LEAST * stroke:
+            return f"{REMEDY}; if the motion needs more than voltage_limits give, make it smaller"
+        return (
+            f"That limit is below the noise of the sensor, {noise:.2g} um rms: set error_limit to "
+            f"{figures(ABOVE * noise, 2)} um or more, or average more in the sensor"
         )
 
 
@@ -184,7 +197,8 @@ class AxisLoop:
                 self._learned.put(k, math.nan if self._controller.flag_bits & LIMITED else z - desired)
             self._look_at_sensor(z, self._volts[row])
             if abs(z - desired) > self._error_limit:
-                supervision.astray(desired, z, self._volts[row])
+                if supervision.astray(self._volts[row]):
+                    supervision.stop(*self._shared.last(self._channel, k + 1, min(supervision.window, self._size // 2)))
             elif not supervision.idle:
                 supervision.on_track()
 

@@ -405,7 +405,7 @@ def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controlle
         names = (
             [] if table.controller == "paper" else [n for n in ControllerSettings.__dataclass_fields__ if n not in OWN]
         )
-        checks.known(table.settings, names)
+        checks.known(table.settings, names, _places("in settings of [[axis]]"))
         settings = _settings(table.settings, folder)
     own = {"slew_limit": table.slew, "resonance": table.resonance, **settings}
     renamed = {name: f"settings.{name}" for name in settings} | {"slew_limit": "slew"}

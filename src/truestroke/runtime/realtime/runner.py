@@ -154,11 +154,11 @@ def _check_motions(axes: Sequence[Axis]) -> list[str]:
     for axis in axes:
         if axis.known is None:
             continue
-        notices += feasibility.raise_slew(axis.trajectory, axis.controller, axis.slew)
-        settings = axis.known
-        limits: dict[str, Any] = {"voltage_limits": axis.limits, "slew": min(axis.slew, settings.slew_limit)}
         words = {**feasibility.NAMES, "slew": "slew"}
         names = {name: f"{word} of axis {axis.name}" for name, word in words.items()}
+        notices += feasibility.raise_slew(axis.trajectory, axis.controller, axis.slew, names["slew"])
+        settings = axis.known
+        limits: dict[str, Any] = {"voltage_limits": axis.limits, "slew": min(axis.slew, settings.slew_limit)}
         needs = feasibility.demands(axis.trajectory, settings, feasibility.first_mode(axis.controller))
         feasibility.check(needs, settings, **limits, names=names)
         notices += feasibility.notices(needs, settings, **limits, names=names)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.control.axes import MultiAxisController
@@ -397,7 +398,8 @@ def judged(imaged: Imaged, spiral: float, for_spiral: str = "") -> Verdict:
             shown = f"{pixels:.2g}" if pixels < 100 else f"{pixels:.0f}"
             findings.append(("bad" if pixels > SEEN else "doubtful", words.format(shown)))
     for name, percent in imaged.limited.items() if findings else ():
-        text = f"A limit held the voltage of {name} in {percent:.2g} % of the time: fewer rows a second need less."
+        time = f"{figures(percent, 2)} % of the time"
+        text = f"A limit held the voltage of {name} in {time}: fewer rows a second need less."
         findings.append(("doubtful", text))
     findings += [("doubtful", imaged.remedy)] * bool(findings and imaged.remedy)
     if spiral > ROUND:
