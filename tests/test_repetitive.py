@@ -228,6 +228,42 @@ def test_it_leaves_and_rejoins_without_a_bump():
     assert list(controller.batches)[count].rmse < 0.05 * alone  # of which the mean is most, as it begins at 0 V
 
 
+class Follows(ConstantGain):
+    """It takes the last error away in the next tick, as far as it is measured."""
+
+    missing = 0.0
+
+    def command(self, z_d, *ahead):
+        return super().command(z_d - self.missing, *ahead)
+
+    def adapt(self, z_measured, ago=0):
+        super().adapt(z_measured, ago)
+        self.missing += 0.2 * (z_measured - self.desired)
+
+
+def test_it_gives_up_where_the_controller_alone_is_better_and_begins_again_with_another_motion():
+    """A load of 7.3 Hz, which repeats in no period: the controller inside takes most of it away, unless it rests."""
+    inside = Follows(10.0, voltage_limits=LIMITS)
+    controller, plant, errors = RepetitiveController(inside, 0.05, **GIVEN), Bent(), []
+
+    def go(ticks, amplitude):
+        motion = sine(amplitude=amplitude)
+        for k in ticks:
+            inside.desired, velocity = motion(k)
+            z = plant.move(controller.command(inside.desired, velocity)) + 0.5 * np.sin(2 * np.pi * 7.3 * k / RATE)
+            controller.adapt(z)
+            errors.append(z - inside.desired)
+
+    go(range(12_000), 8.0)
+    assert controller.batches[-1].undone == "the controller alone is better"
+    assert len(controller.batches) < 10
+    assert not controller.repeats
+    assert rms(errors[-1000:]) < 1.05 * rms(errors[1000:1500])
+    count = len(controller.batches)
+    go(range(12_000, 20_000), 5.0)
+    assert len(controller.batches) > count
+
+
 # ---- Measurements that are missing or wrong -------------------------------------------------------------------------
 
 

@@ -27,6 +27,9 @@ STRAIGHT = 1e-3  # of the largest acceleration: where there is less, the motion 
 LINES = 0.3  # of a period: errors of a motion that is straight for so long count there alone
 LEARNED = 0.8  # times the error: while it falls below from batch to batch, the controller inside goes on learning
 PATIENCE = 6  # batches, at most
+LOSES = 5  # batches in a row that are worse than the controller alone, until it is alone again,
+FALLS = 0.9  # where none has fallen to so much of the least mean square of them,
+SURE = 2.0  # and each is worse by so many standard deviations of what noise makes of it
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
 ABOVE = 1.05  # times the square of the first error, and
@@ -93,6 +96,12 @@ class Learned:
         Voltage of the last batch that was taken, V.
     error : float
         Of the last batch in which the controller inside learned, um.
+    alone : tuple of (float, int)
+        The mean square of all its samples that count, um^2, and how many these are.
+    least : float
+        Of the last batches since it rests, which all have more, um^2.
+    lost : int
+        How many of them have not fallen below those before.
     listens : int
         Batches at most in which it still learns.
     carries : bool
@@ -114,6 +123,9 @@ class Learned:
     inside: ComplexArray | None = None
     base: FloatArray | None = None
     error: float = math.inf
+    alone: tuple[float, int] = (math.inf, 1)
+    least: float = math.inf
+    lost: int = 0
 
     @property
     def slope(self) -> float:
@@ -144,6 +156,11 @@ class Outcome:
     batch: Batch | None = None
     base: FloatArray | None = None
     most: float = math.inf
+
+    @property
+    def gives_up(self) -> bool:
+        """Whether the controller alone is better than what it learned while it rests."""
+        return self.learned.lost >= LOSES
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,9 +343,31 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
     for _ in range(ROUNDS):
         yield
         yield from law.knowing()
+    seen = yield from _mean_square(now, batch.errors)
     if now.listens > 0:
-        return Outcome(replace(now, error=spread, listens=now.listens - 1 if spread < LEARNED * now.error else 0))
+        listens = now.listens - 1 if spread < LEARNED * now.error else 0
+        return Outcome(replace(now, error=spread, alone=seen, listens=listens))
+    lost, least = 0, math.inf
+    if _loses(seen, now.alone):
+        lost = now.lost + 1 if seen[0] > FALLS * now.least else 0
+        least = min(now.least, seen[0])
+    now = replace(now, lost=lost, least=least)
     return (yield from _followed(now, batch, volts, missing, law.noise(noise2)))
+
+
+def _mean_square(now: Learned, errors: Sequence[FloatArray]) -> Steps[tuple[float, int]]:
+    """Of the samples that count, um^2, with what does not repeat; and their number."""
+    total, rows = 0.0, max(1, AT_ONCE // errors[0].size)
+    for begin in range(0, len(errors), rows):
+        total += float(np.sum((np.array(errors[begin : begin + rows]) + now.unlearned)[:, now.counts] ** 2))
+        yield
+    count = len(errors) * int(now.counts.sum())
+    return total / count, count
+
+
+def _loses(seen: tuple[float, int], alone: tuple[float, int]) -> bool:
+    """Whether the mean square of a batch is above that of another one, beyond chance."""
+    return seen[0] > alone[0] * (1 + SURE * math.sqrt(2 / seen[1] + 2 / alone[1]))
 
 
 def _with_model(now: Learned, hysteresis: PeriodicHysteresis) -> Steps[Learned]:
@@ -376,7 +415,7 @@ def _followed(now: Learned, measured: Measured, volts: FloatArray, missing: Floa
         maximum=float(np.abs(missing).max()),
         noise=noise,
         expected=following.expected,
-        undone=following.undone,
+        undone="the controller alone is better" if now.lost >= LOSES else following.undone,
     )
     now = replace(now, base=now.base if following.undone else volts)
     assert now.base is not None

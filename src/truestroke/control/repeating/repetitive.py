@@ -234,6 +234,7 @@ class RepetitiveController(Displayed):
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
         self._joined = self._rests = self._counts = False
+        self._gave_up = False  # of this motion: the controller alone is better
         self._until = -1
         self._period: float | None = None  # the next one, while the correction of this one is taken back
 
@@ -346,9 +347,10 @@ class RepetitiveController(Displayed):
         """A period of the motion is complete, or it no longer repeats."""
         motion = self._repetition
         if not motion.repeats:
+            self._gave_up = False
             if self._joined:
                 self._leave()
-        elif not self._joined and not motion.corrects:
+        elif not self._joined and not motion.corrects and not self._gave_up:
             self._joined = True
             dynamics, f = self._known(), np.arange(motion.size // 2 + 1) / self.period
             self._do(batches.joined(motion.wave, f, self.sample_rate, dynamics, self._band(dynamics), self._kept))
@@ -428,6 +430,10 @@ class RepetitiveController(Displayed):
         if outcome.batch is not None:
             self.batches.append(outcome.batch)
             self._number += 1
+        if outcome.gives_up:
+            self._gave_up, self._kept = True, None
+            self._leave()
+            return
         if outcome.volts is None:
             if learned.law.fresh:
                 self._kept = None
