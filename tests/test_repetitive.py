@@ -143,6 +143,17 @@ def test_a_drift_is_followed_before_the_first_batch_is_complete():
     assert abs(np.mean(errors[-100:])) < 0.3  # 1.2 with nobody that follows it
 
 
+def test_in_a_long_period_more_of_the_drift_is_taken_away_at_once():
+    """Of a drift by 0.5 um in each period of 1000 ticks."""
+    controller, plant = repetitive(period=0.5), Bent()
+    motion, errors = sine(frequency=2.0), []
+    for k in range(24_000):
+        z_d, velocity = motion(k)
+        errors.append(plant.move(controller.command(z_d, velocity)) + k / RATE - z_d)
+        controller.adapt(errors[-1] + z_d)
+    assert abs(np.mean(errors[-1000:])) < 1.0  # 0.5 um of it, and that of the period before; 1.7 with a share of 0.3
+
+
 def test_a_growing_motion_is_no_repetition():
     controller, plant = repetitive(), Bent()
 

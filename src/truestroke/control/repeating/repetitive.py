@@ -48,7 +48,8 @@ from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.timing import LONGEST_AGO
 
-LEVEL = 0.3  # of the mean error of a period, which the next one takes away, at most
+LEVEL, MOST = 0.3, 0.7  # of the mean error of a period, which the next one takes away, and in a long one at most
+LONG = 300  # ticks: the mean of more has less noise, so that more of it may be taken away
 CREEPS = 0.03  # s: and not faster
 FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
 DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
@@ -101,6 +102,18 @@ class _Watch:
         self.volts = self._base if self._times == TIMES else (self.volts + self._base) / 2
         self._begin(self._after)
         return True
+
+
+def _share(ticks: float) -> float:
+    """Of the mean error of a period, which the next one takes away, as its noise permits.
+
+    A share s of noise of variance v makes the level vary by s v / (2 - s).
+
+    >>> [round(_share(ticks), 2) for ticks in (62, 300, 600, 8192)]
+    [0.3, 0.3, 0.52, 0.7]
+    """
+    varies = LEVEL / (2 - LEVEL) * max(ticks / LONG, 1.0)
+    return min(2 * varies / (1 + varies), MOST)
 
 
 def _settled(controller: Controller, wave: FloatArray, rate: float) -> FloatArray:
@@ -240,7 +253,8 @@ class RepetitiveController(Displayed):
 
     def _settings(self, period: float) -> RepetitionSettings:
         change = min(max(period, FADE[0]), FADE[1]) * self.sample_rate
-        return RepetitionSettings(period=period * self.sample_rate, change=change, share=min(LEVEL, period / CREEPS))
+        ticks = period * self.sample_rate
+        return RepetitionSettings(period=ticks, change=change, share=min(_share(ticks), period / CREEPS))
 
     @property
     def repeats(self) -> bool:
