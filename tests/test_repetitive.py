@@ -20,7 +20,7 @@ from truestroke.control.repeating import batches
 from truestroke.control.repeating import repetitive as repetitive_module
 from truestroke.control.repeating.batches import Outcome
 from truestroke.control.repeating.online import OnlineLaw
-from truestroke.control.repeating.repetition import Periods, Repetition, RepetitionSettings
+from truestroke.control.repeating.repetition import Periods, Repetition, RepetitionSettings, check_repeats
 from truestroke.control.repeating.response_prior import FewNumbers
 from truestroke.control.repeating.steps import Task, finished
 from truestroke.plant import StagePlant, StageSettings
@@ -648,6 +648,19 @@ def test_a_run_with_another_period_is_refused_before_it_moves_and_told_its_own(t
     fits = RepetitiveController(inside(), own, **GIVEN)
     truestroke.run(motion, fits, stage)
     assert fits.repeats
+
+
+@pytest.mark.parametrize(
+    ("ticks", "turn", "own"), [(33.3, 0.2, "0.00999 s"), (33.3, 0.6, "0.00666 s"), (37.7, 0.2, "0.00754 s")]
+)
+def test_a_period_of_broken_ticks_that_repeats_for_some_periods_only_is_refused(ticks, turn, own):
+    """Its turns have more harmonics than the sample rate: it would begin 40 to 100 times, and learn nothing."""
+    rate = 10_000.0
+    about = {"peak_to_peak": 20.0, "offset": 12.0, "duration": 2.0, "sample_rate": rate, "turn": turn}
+    motion = trajectories.raster(frequency=rate / ticks, **about)
+    with pytest.raises(SettingError, match=f"must be a period of the motion, here a raster: {own}"):
+        check_repeats(motion, ticks / rate)
+    assert check_repeats(motion, float(own[:-2])) > 0
 
 
 def test_a_motion_that_repeats_nothing_is_told_so():
