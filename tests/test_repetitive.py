@@ -275,6 +275,31 @@ def test_it_gives_up_where_the_controller_alone_is_better_and_begins_again_with_
     assert len(controller.batches) > count
 
 
+def test_the_same_motion_has_its_voltage_back_whatever_the_controller_inside_is_now():
+    """It has learned while nothing repeated: the correction that was right beside what it was is 4 % of the motion."""
+    own = inside()
+    controller, plant = RepetitiveController(own, 0.05, **GIVEN), Bent()
+    follow(controller, sine(), plant, range(6000))
+    at = sine()(6000)[0]
+    follow(controller, lambda k: (at, 0.0), plant, range(6000, 6600))
+    own.sensitivity = 10.7
+    _, error = follow(controller, sine(), plant, range(8000, 9000))
+    assert np.std(error[:100]) > 0.7
+    assert np.std(error[-300:] - error[-300:].mean()) < 0.05
+
+
+def test_a_correction_between_samples_of_its_period_is_learned_as_it_was_asked_for():
+    """It is interpolated and so smoother, by 1 % at the fifth harmonic of 50.5 ticks: each batch was smoothed again."""
+    controller, plant, w = repetitive(period=0.02525), Bent(), 2 * np.pi / 50.5
+
+    def motion(k):
+        velocity = 8.0 * np.sin(w * k) + 7.5 * np.sin(5 * w * k)
+        return 12.0 - 8.0 * np.cos(w * k) - 1.5 * np.cos(5 * w * k), velocity * w * RATE
+
+    _, error = follow(controller, motion, plant, range(9000))
+    assert rms(error[-500:]) < 0.03  # 0.067
+
+
 # ---- Measurements that are missing or wrong -------------------------------------------------------------------------
 
 

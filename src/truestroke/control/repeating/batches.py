@@ -31,6 +31,8 @@ LOSES = 5  # batches in a row that are worse than the controller alone, until it
 FALLS = 0.9  # where none has fallen to so much of the least mean square of them,
 SURE = 2.0  # and each is worse by so many standard deviations of what noise makes of it
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
+SAME = 0.05  # of the amplitude: so near in amplitude and offset a motion has the same voltage,
+NEAR = 0.01  # of the period: and so near in period the same response
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
 ABOVE = 1.05  # times the square of the first error, and
 NOISES = 2.0  # times that of the noise of a sample: a period beyond their sum is too much
@@ -92,8 +94,8 @@ class Learned:
         Voltage, V, U, Z, and the variance of the latter, of the batches that the law remembers.
     inside : ndarray of complex or None
         Spectrum of the voltage of the controller inside, V, since it rests.
-    base : ndarray
-        Voltage of the last batch that was taken, V.
+    base, table : ndarray
+        Voltage of the last batch that was taken, V, and the correction as it was asked for.
     error : float
         Of the last batch in which the controller inside learned, um.
     alone : tuple of (float, int)
@@ -122,6 +124,7 @@ class Learned:
     passes: tuple[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray], ...] = ()
     inside: ComplexArray | None = None
     base: FloatArray | None = None
+    table: FloatArray | None = None
     error: float = math.inf
     alone: tuple[float, int] = (math.inf, 1)
     least: float = math.inf
@@ -149,6 +152,9 @@ class Outcome:
         The correction on which that one builds, V.
     most : float
         Mean square of the error of a period, um^2, beyond which the next correction is too much.
+    whole : ndarray or None
+        The voltage of a period that was learned of the same motion, V: `volts` is then what of it the controller inside
+        does not output any more.
     """
 
     learned: Learned
@@ -156,6 +162,7 @@ class Outcome:
     batch: Batch | None = None
     base: FloatArray | None = None
     most: float = math.inf
+    whole: FloatArray | None = None
 
     @property
     def gives_up(self) -> bool:
@@ -182,6 +189,8 @@ class Measured:
         Measured less desired displacement, period by period, um.
     added, inside : ndarray, shape (samples,)
         One period of the correction as it was output, and of the controller inside, V.
+    table : ndarray, shape (samples,)
+        The correction as it was asked for, V: between two of its samples the output is interpolated, and smoother.
     number, tick : int
         As of `Batch`.
     """
@@ -189,6 +198,7 @@ class Measured:
     errors: Sequence[FloatArray]
     added: FloatArray
     inside: FloatArray
+    table: FloatArray
     number: int
     tick: int
 
@@ -240,7 +250,7 @@ def joined(
     carried = None if kept is None else (yield from _carried(kept, fresh))
     if carried is None:
         return Outcome(fresh)
-    return Outcome(replace(fresh, listens=0, carries=True), carried)
+    return Outcome(replace(fresh, listens=0, carries=True), carried[0], whole=carried[1])
 
 
 def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexArray, ComplexArray]]:
@@ -256,9 +266,10 @@ def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexA
     return both[0], both[0] / both[1]
 
 
-def _carried(kept: Kept, now: Learned) -> Steps[FloatArray | None]:
+def _carried(kept: Kept, now: Learned) -> Steps[tuple[FloatArray, FloatArray | None] | None]:
     """The correction for another amplitude, offset, phase or period of the same form; None: it is another form.
 
+    And the whole voltage, where amplitude and offset are the same.
     What the law has learned of the response goes to that of now.
     """
     then, law = kept.learned, now.law
@@ -283,10 +294,25 @@ def _carried(kept: Kept, now: Learned) -> Steps[FloatArray | None]:
     moved = (before.response * before.ratio)[1:size] / (law.response * law.ratio)[1:size]
     yield
     moved = moved * np.minimum(1.0, CARRIED / np.abs(moved))
-    correction = np.zeros(now.motion.size, dtype=np.complex128)
-    correction[1:size] = amplitude * shift * moved * scale * np.fft.rfft(kept.volts)[1:size]
+    if abs(now.f[1] / then.f[1] - 1) < NEAR:
+        moved = np.ones(size - 1, dtype=np.complex128)  # the response is the same, what is known of it is not
+    both = np.zeros((2, now.motion.size), dtype=np.complex128)
+    both[:, 1:size] = amplitude * shift * moved * scale * np.fft.rfft(kept.volts)[1:size]
     yield
-    return np.asarray(np.fft.irfft(correction, law.samples))
+    if not _same(then, now, amplitude):
+        return np.asarray(np.fft.irfft(both[0], law.samples)), None
+    assert then.inside is not None
+    both[1, 1:size] += amplitude * shift * moved * scale * then.inside[1:size]
+    yield
+    correction, whole = np.fft.irfft(both, law.samples)
+    return correction, whole
+
+
+def _same(then: Learned, now: Learned, amplitude: float) -> bool:
+    """Whether a motion has nearly the amplitude and the offset of the other one."""
+    offsets = now.motion[0].real / now.law.samples - then.motion[0].real / then.law.samples
+    span = float(np.ptp(np.fft.irfft(now.motion, now.law.samples)))
+    return abs(amplitude - 1) < SAME and abs(float(offsets)) < SAME * span
 
 
 def _remembered(before: HarmonicLaw, then: FloatArray, law: HarmonicLaw, now: FloatArray) -> Steps[None]:
@@ -417,8 +443,10 @@ def _followed(now: Learned, measured: Measured, volts: FloatArray, missing: Floa
         expected=following.expected,
         undone="the controller alone is better" if now.lost >= LOSES else following.undone,
     )
-    now = replace(now, base=now.base if following.undone else volts)
+    if not following.undone:
+        now = replace(now, base=volts, table=measured.table)
     assert now.base is not None
+    assert now.table is not None
     assert now.hysteresis is not None
     assert now.inside is not None
     strain = np.fft.irfft(following.output, volts.size)
@@ -427,7 +455,7 @@ def _followed(now: Learned, measured: Measured, volts: FloatArray, missing: Floa
     corrections = []
     for total in (x, now.base):
         yield
-        v = np.where(now.heard, np.fft.rfft(total) - now.inside, 0.0)
+        v = np.where(now.heard, np.fft.rfft(total - now.base + now.table), 0.0)
         v[0] = 0.0
         corrections.append(np.fft.irfft(v, volts.size))
     sample2 = len(measured.errors) * noise**2

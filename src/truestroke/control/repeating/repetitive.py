@@ -179,7 +179,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['0.775', '0.136', '0.008', '0.001']
+    ['0.775', '0.133', '0.009', '0.001']
     """
 
     _text = staticmethod(kernel_repetition)
@@ -241,6 +241,7 @@ class RepetitiveController(Displayed):
         self._told, settings = period, self._settings(period)
         self._repetition, self._change = self._text(settings), settings.change
         size = self._repetition.size
+        self._table = np.zeros(size)  # the correction
         self._task: Task | None = None  # the learning, step by step
         self._learned: Learned | None = None
         self._watch: _Watch | None = None
@@ -248,6 +249,7 @@ class RepetitiveController(Displayed):
         self._count = max(2, math.ceil(self.averaged / period))
         self._joined = self._rests = self._counts = False
         self._gave_up = False  # of this motion: the controller alone is better
+        self._whole: FloatArray | None = None  # the voltage that was learned, until it is known what of it is missing
         self._until = -1
         self._period: float | None = None  # the next one, while the correction of this one is taken back
 
@@ -318,6 +320,8 @@ class RepetitiveController(Displayed):
         self._commands += 1
         low, high, slew = self._limits
         volts = self._repetition.volts(inside, low, high, slew / self.sample_rate)
+        if self._whole is not None:
+            self._restore(self._inside.put(at, inside))
         if self._until == self._commands:
             self._waited()
         if self._counts:
@@ -378,7 +382,7 @@ class RepetitiveController(Displayed):
 
     def _leave(self) -> None:
         """The correction is taken back; the controller inside, which has not followed, learns again at once."""
-        self._task = self._learned = self._watch = None
+        self._task = self._learned = self._watch = self._whole = None
         self._joined = self._rests = False
         if self._kept is not None:
             self._kept = replace(self._kept, level=self._repetition.goal)
@@ -387,6 +391,7 @@ class RepetitiveController(Displayed):
 
     def _become(self, volts: FloatArray) -> None:
         """The correction changes to this one; what is measured meanwhile does not count."""
+        self._table = volts if volts.size else np.zeros(self._repetition.size)
         changes = self._repetition.become(volts if volts.size else None, waits=self._decays)
         assert changes, "the last change has ended"
         self._wait()
@@ -429,9 +434,8 @@ class RepetitiveController(Displayed):
             self._counts, self._watch = False, None
             assert self._learned is not None
             added, inside = (total / k for total, k in zip(self._sums, self._outputs, strict=True))
-            self._do(
-                batches.concluded(self._learned, Measured(self._measured, added, inside, self._number, self._commands))
-            )
+            measured = Measured(self._measured, added, inside, self._table, self._number, self._commands)
+            self._do(batches.concluded(self._learned, measured))
 
     def _do(self, steps: Steps[Outcome]) -> None:
         """In the next ticks."""
@@ -456,10 +460,21 @@ class RepetitiveController(Displayed):
             else:
                 self._wait()
             return
+        if outcome.whole is not None:
+            self._whole = outcome.whole
+            self._become(np.zeros(self._repetition.size))
+            return
         if outcome.batch is not None:  # else the mean is that of the controller inside, which has learned meanwhile
             rests = max(RESTS, math.ceil(self._change / self._repetition.size))
             self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome, rests)
         self._become(outcome.volts)
+
+    def _restore(self, inside: FloatArray | None) -> None:
+        """The voltage that was learned begins again, whatever the controller inside has learned meanwhile."""
+        if inside is None or self._whole is None:
+            return
+        volts, self._whole = self._whole - inside, None
+        self._become(volts - volts.mean())
 
     def hold(self) -> None:
         """Stop learning: correction and weights stay as they are, and are still taken back where the motion leaves."""
