@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, SettingError, run, trajectories
-from truestroke.identification import identify, load_model, save_model
+from truestroke.identification import Record, identify, load_model, save_model
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.structure import _of_model
 from truestroke.model.models import RateDependentModel, play_inverse_literal
@@ -233,3 +233,14 @@ def test_a_covariance_beside_branches_has_no_negative_variance():
     wide = ways @ ways.T + np.eye(6)
     expected = np.linalg.inv(np.linalg.inv(wide)[:3, :3])  # of a normal distribution, with the others as they are
     np.testing.assert_allclose(_of_model(wide, SimpleNamespace(parameters=3, further=("a", "b", "c"))), expected)
+
+
+def test_pieces_that_hardly_move_beside_the_step_between_them_are_refused():
+    """Their rests are all that is behind it: it was a division by zero."""
+    ripple = 1e-4 * np.sin(2 * np.pi * np.arange(5000) / 200)
+    volts = np.concatenate([1.5 + ripple, 1.4547 + ripple, 1.4550 + ripple])
+    time = np.concatenate([start + np.arange(5000) / 10_000.0 for start in (0.0, 0.6, 1.2)])
+    noise = 0.005 * np.random.default_rng(1).standard_normal(volts.size)
+    record = Record.from_arrays(volts, 8.3 * volts + noise, time=time, source="passes")
+    with pytest.raises(SettingError, match=r"no motion behind the first sweep of its 0\.0273 V: must be one that"):
+        identify(record)

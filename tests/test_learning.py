@@ -521,6 +521,14 @@ def test_what_is_wrong_with_the_sensor_is_named(sensor, words):
         learned.learn(sensor(np.tile(z, (3, 1))))
 
 
+def test_a_motion_below_the_noise_is_named_and_not_another_unit():
+    """What noise shows beside so little motion is any gain: the sensor seemed to report in nm."""
+    learned = IterativeLearning(raster(50.0, peak_to_peak=1e-6), dynamics=dynamics(900.0), **KNOWN)
+    noise = np.random.default_rng(0).normal(12.0, 0.01, (3, learned.samples))
+    with pytest.raises(SettingError, match=r"motion = .*e-06 um: must be above the noise of a pass, 0.0.* um: move"):
+        learned.learn(noise)
+
+
 def test_a_period_of_no_whole_samples_is_repeated_until_it_is_one():
     assert repetition(FS, 97.0) == (10_000, 97)
     assert repetition(2000.0, 12.5) == (160, 1)

@@ -226,7 +226,10 @@ def test_a_simulated_sample_is_read_where_it_truly_is() -> None:
             ('name = "height"', 'name = "measured"'),
             "name = 'measured': must be letters, digits, - and _, and no ",
         ),
-        (("rate = 20.0", "rate = 20.0\nsettle = 3.0"), "settle"),
+        (
+            ("rate = 20.0", "rate = 20.0\nsettle = 0.2"),
+            "settle = 0.2: must be dynamics of the slow axis, a file of tru",
+        ),
         (("turn = 0.3", "turn = 0.98"), "columns = 512: must be 2 or more, and no more than the ticks can fill, which"),
     ],
     ids=lambda value: value[1][:24] if isinstance(value, tuple) else "",

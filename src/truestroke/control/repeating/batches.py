@@ -27,7 +27,12 @@ STRAIGHT = 1e-3  # of the largest acceleration: where there is less, the motion 
 LINES = 0.3  # of a period: errors of a motion that is straight for so long count there alone
 LEARNED = 0.8  # times the error: while it falls below from batch to batch, the controller inside goes on learning
 PATIENCE = 6  # batches, at most
+LOSES = 5  # batches in a row that are worse than the controller alone, until it is alone again,
+FALLS = 0.9  # where none has fallen to so much of the least mean square of them,
+SURE = 2.0  # and each is worse by so many standard deviations of what noise makes of it
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
+SAME = 0.05  # of the amplitude: so near in amplitude and offset a motion has the same voltage,
+NEAR = 0.01  # of the period: and so near in period the same response
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
 ABOVE = 1.05  # times the square of the first error, and
 NOISES = 2.0  # times that of the noise of a sample: a period beyond their sum is too much
@@ -89,10 +94,16 @@ class Learned:
         Voltage, V, U, Z, and the variance of the latter, of the batches that the law remembers.
     inside : ndarray of complex or None
         Spectrum of the voltage of the controller inside, V, since it rests.
-    base : ndarray
-        Voltage of the last batch that was taken, V.
+    base, table : ndarray
+        Voltage of the last batch that was taken, V, and the correction as it was asked for.
     error : float
         Of the last batch in which the controller inside learned, um.
+    alone : tuple of (float, int)
+        The mean square of all its samples that count, um^2, and how many these are.
+    least : float
+        Of the last batches since it rests, which all have more, um^2.
+    lost : int
+        How many of them have not fallen below those before.
     listens : int
         Batches at most in which it still learns.
     carries : bool
@@ -113,7 +124,11 @@ class Learned:
     passes: tuple[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray], ...] = ()
     inside: ComplexArray | None = None
     base: FloatArray | None = None
+    table: FloatArray | None = None
     error: float = math.inf
+    alone: tuple[float, int] = (math.inf, 1)
+    least: float = math.inf
+    lost: int = 0
 
     @property
     def slope(self) -> float:
@@ -137,6 +152,9 @@ class Outcome:
         The correction on which that one builds, V.
     most : float
         Mean square of the error of a period, um^2, beyond which the next correction is too much.
+    whole : ndarray or None
+        The voltage of a period that was learned of the same motion, V: `volts` is then what of it the controller inside
+        does not output any more.
     """
 
     learned: Learned
@@ -144,6 +162,12 @@ class Outcome:
     batch: Batch | None = None
     base: FloatArray | None = None
     most: float = math.inf
+    whole: FloatArray | None = None
+
+    @property
+    def gives_up(self) -> bool:
+        """Whether the controller alone is better than what it learned while it rests."""
+        return self.learned.lost >= LOSES
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +189,8 @@ class Measured:
         Measured less desired displacement, period by period, um.
     added, inside : ndarray, shape (samples,)
         One period of the correction as it was output, and of the controller inside, V.
+    table : ndarray, shape (samples,)
+        The correction as it was asked for, V: between two of its samples the output is interpolated, and smoother.
     number, tick : int
         As of `Batch`.
     """
@@ -172,6 +198,7 @@ class Measured:
     errors: Sequence[FloatArray]
     added: FloatArray
     inside: FloatArray
+    table: FloatArray
     number: int
     tick: int
 
@@ -223,7 +250,7 @@ def joined(
     carried = None if kept is None else (yield from _carried(kept, fresh))
     if carried is None:
         return Outcome(fresh)
-    return Outcome(replace(fresh, listens=0, carries=True), carried)
+    return Outcome(replace(fresh, listens=0, carries=True), carried[0], whole=carried[1])
 
 
 def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexArray, ComplexArray]]:
@@ -239,9 +266,10 @@ def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexA
     return both[0], both[0] / both[1]
 
 
-def _carried(kept: Kept, now: Learned) -> Steps[FloatArray | None]:
+def _carried(kept: Kept, now: Learned) -> Steps[tuple[FloatArray, FloatArray | None] | None]:
     """The correction for another amplitude, offset, phase or period of the same form; None: it is another form.
 
+    And the whole voltage, where amplitude and offset are the same.
     What the law has learned of the response goes to that of now.
     """
     then, law = kept.learned, now.law
@@ -266,10 +294,25 @@ def _carried(kept: Kept, now: Learned) -> Steps[FloatArray | None]:
     moved = (before.response * before.ratio)[1:size] / (law.response * law.ratio)[1:size]
     yield
     moved = moved * np.minimum(1.0, CARRIED / np.abs(moved))
-    correction = np.zeros(now.motion.size, dtype=np.complex128)
-    correction[1:size] = amplitude * shift * moved * scale * np.fft.rfft(kept.volts)[1:size]
+    if abs(now.f[1] / then.f[1] - 1) < NEAR:
+        moved = np.ones(size - 1, dtype=np.complex128)  # the response is the same, what is known of it is not
+    both = np.zeros((2, now.motion.size), dtype=np.complex128)
+    both[:, 1:size] = amplitude * shift * moved * scale * np.fft.rfft(kept.volts)[1:size]
     yield
-    return np.asarray(np.fft.irfft(correction, law.samples))
+    if not _same(then, now, amplitude):
+        return np.asarray(np.fft.irfft(both[0], law.samples)), None
+    assert then.inside is not None
+    both[1, 1:size] += amplitude * shift * moved * scale * then.inside[1:size]
+    yield
+    correction, whole = np.fft.irfft(both, law.samples)
+    return correction, whole
+
+
+def _same(then: Learned, now: Learned, amplitude: float) -> bool:
+    """Whether a motion has nearly the amplitude and the offset of the other one."""
+    offsets = now.motion[0].real / now.law.samples - then.motion[0].real / then.law.samples
+    span = float(np.ptp(np.fft.irfft(now.motion, now.law.samples)))
+    return abs(amplitude - 1) < SAME and abs(float(offsets)) < SAME * span
 
 
 def _remembered(before: HarmonicLaw, then: FloatArray, law: HarmonicLaw, now: FloatArray) -> Steps[None]:
@@ -326,9 +369,31 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
     for _ in range(ROUNDS):
         yield
         yield from law.knowing()
+    seen = yield from _mean_square(now, batch.errors)
     if now.listens > 0:
-        return Outcome(replace(now, error=spread, listens=now.listens - 1 if spread < LEARNED * now.error else 0))
+        listens = now.listens - 1 if spread < LEARNED * now.error else 0
+        return Outcome(replace(now, error=spread, alone=seen, listens=listens))
+    lost, least = 0, math.inf
+    if _loses(seen, now.alone):
+        lost = now.lost + 1 if seen[0] > FALLS * now.least else 0
+        least = min(now.least, seen[0])
+    now = replace(now, lost=lost, least=least)
     return (yield from _followed(now, batch, volts, missing, law.noise(noise2)))
+
+
+def _mean_square(now: Learned, errors: Sequence[FloatArray]) -> Steps[tuple[float, int]]:
+    """Of the samples that count, um^2, with what does not repeat; and their number."""
+    total, rows = 0.0, max(1, AT_ONCE // errors[0].size)
+    for begin in range(0, len(errors), rows):
+        total += float(np.sum((np.array(errors[begin : begin + rows]) + now.unlearned)[:, now.counts] ** 2))
+        yield
+    count = len(errors) * int(now.counts.sum())
+    return total / count, count
+
+
+def _loses(seen: tuple[float, int], alone: tuple[float, int]) -> bool:
+    """Whether the mean square of a batch is above that of another one, beyond chance."""
+    return seen[0] > alone[0] * (1 + SURE * math.sqrt(2 / seen[1] + 2 / alone[1]))
 
 
 def _with_model(now: Learned, hysteresis: PeriodicHysteresis) -> Steps[Learned]:
@@ -376,10 +441,12 @@ def _followed(now: Learned, measured: Measured, volts: FloatArray, missing: Floa
         maximum=float(np.abs(missing).max()),
         noise=noise,
         expected=following.expected,
-        undone=following.undone,
+        undone="the controller alone is better" if now.lost >= LOSES else following.undone,
     )
-    now = replace(now, base=now.base if following.undone else volts)
+    if not following.undone:
+        now = replace(now, base=volts, table=measured.table)
     assert now.base is not None
+    assert now.table is not None
     assert now.hysteresis is not None
     assert now.inside is not None
     strain = np.fft.irfft(following.output, volts.size)
@@ -388,7 +455,7 @@ def _followed(now: Learned, measured: Measured, volts: FloatArray, missing: Floa
     corrections = []
     for total in (x, now.base):
         yield
-        v = np.where(now.heard, np.fft.rfft(total) - now.inside, 0.0)
+        v = np.where(now.heard, np.fft.rfft(total - now.base + now.table), 0.0)
         v[0] = 0.0
         corrections.append(np.fft.irfft(v, volts.size))
     sample2 = len(measured.errors) * noise**2

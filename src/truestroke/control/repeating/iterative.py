@@ -425,6 +425,9 @@ class IterativeLearning(Displayed):
             seen = f"{round(rms / span, 9) * span:.2g} um rms, with a noise of {noise:.2g}"
             remedy = "look at the sensor, its cable and channel, and at the amplifier"
             raise SettingError("measured", seen, f"a motion of about {figures(span)} um: {remedy}")
+        if not low <= found <= high and span <= SHOWN * noise:
+            remedy = "move further, or measure more periods (`averaged`)"
+            raise SettingError("motion", f"{figures(span)} um", f"above the noise of a pass, {noise:.2g} um: {remedy}")
         if not low <= found <= high:
             value = f"{self.gain:g} um/V, where the first pass shows {figures(found * self.gain)}"
             why = taken_for_um(found, "is the recording of this axis, and in um?")

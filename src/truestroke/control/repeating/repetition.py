@@ -39,6 +39,7 @@ SHORTEST, LONGEST = 16, 8192  # ticks of a period
 REPEATED = 2  # periods that are alike before it is a repetition
 EXACT = 1e-6  # samples: a shift that is rounding
 LOOKED_AT = 200_000  # ticks of a motion, until it has to repeat
+LASTS = 5  # periods in which it does so, but at its end: batches of fewer show nothing
 TRIED = 3  # periods that it may have
 LARGEST = 1e50  # um: as in the kernel
 PER_TURN = 0.63661977236758134308  # 4 / (2 pi): a quarter of an angle in turns
@@ -627,7 +628,7 @@ def check_repeats(motion: Trajectory, period: float) -> int:
     Raises
     ------
     SettingError
-        No two periods in a row are alike.
+        No two periods in a row are alike, or never more than a few.
 
     Examples
     --------
@@ -649,13 +650,18 @@ def check_repeats(motion: Trajectory, period: float) -> int:
 
 
 def _repeats_from(z: FloatArray, period: float) -> int | None:
-    """The tick from which on a motion, um, repeats with a period, ticks; None: nowhere."""
+    """The tick from which on a motion, um, repeats with a period, ticks, for some or to its end; None: nowhere."""
     repetition = kernel_repetition(RepetitionSettings(period=period))
+    begin, ended = -1, False
     for tick, z_d in enumerate(z.tolist()):
         repetition.tick(z_d)
-        if repetition.repeats:
-            return tick
-    return None
+        if not repetition.repeats:
+            begin, ended = -1, ended or begin >= 0
+        elif begin < 0:
+            begin = tick
+        elif tick - begin >= LASTS * period:
+            return begin
+    return None if ended or begin < 0 else begin
 
 
 def _period_of(motion: FloatArray) -> float | None:

@@ -6,8 +6,8 @@ The voltage is that of the controller inside, which does not learn meanwhile, an
 
 From the mean of some periods, the law of `harmonics` makes the strain of the next x, and a model of the
 hysteresis, which the first of them show, its voltage. A new v takes over smoothly. The mean of the error, which creeps,
-is taken away from period to period. Until the motion repeats, and when it no longer does, the controller inside is
-alone, and learns.
+is taken away from period to period, from when the controller inside rests. Until the motion repeats, and when it no
+longer does, the controller inside is alone, and learns.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.signals.timing import LONGEST_AGO
 
-LEVEL = 0.3  # of the mean error of a period, which the next one takes away, at most
+LEVEL, MOST = 0.3, 0.7  # of the mean error of a period, which the next one takes away, and in a long one at most
+LONG = 300  # ticks: the mean of more has less noise, so that more of it may be taken away
 CREEPS = 0.03  # s: and not faster
 FADE = 0.01, 0.05  # s: a correction takes over within a period, but not faster or slower than this
 DECAY = 0.15  # s: until a change of the correction has decayed, with a resonance that rings for so long
@@ -101,6 +102,18 @@ class _Watch:
         self.volts = self._base if self._times == TIMES else (self.volts + self._base) / 2
         self._begin(self._after)
         return True
+
+
+def _share(ticks: float) -> float:
+    """Of the mean error of a period, which the next one takes away, as its noise permits.
+
+    A share s of noise of variance v makes the level vary by s v / (2 - s).
+
+    >>> [round(_share(ticks), 2) for ticks in (62, 300, 600, 8192)]
+    [0.3, 0.3, 0.52, 0.7]
+    """
+    varies = LEVEL / (2 - LEVEL) * max(ticks / LONG, 1.0)
+    return min(2 * varies / (1 + varies), MOST)
 
 
 def _settled(controller: Controller, wave: FloatArray, rate: float) -> FloatArray:
@@ -166,7 +179,7 @@ class RepetitiveController(Displayed):
     ...     controller.adapt(10.0 * before)
     ...     before = volts
     >>> [f"{batch.rmse:.3f}" for batch in controller.batches][:4]
-    ['1.191', '0.462', '0.030', '0.008']
+    ['0.775', '0.133', '0.009', '0.001']
     """
 
     _text = staticmethod(kernel_repetition)
@@ -228,18 +241,22 @@ class RepetitiveController(Displayed):
         self._told, settings = period, self._settings(period)
         self._repetition, self._change = self._text(settings), settings.change
         size = self._repetition.size
+        self._table = np.zeros(size)  # the correction
         self._task: Task | None = None  # the learning, step by step
         self._learned: Learned | None = None
         self._watch: _Watch | None = None
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
         self._count = max(2, math.ceil(self.averaged / period))
         self._joined = self._rests = self._counts = False
+        self._gave_up = False  # of this motion: the controller alone is better
+        self._whole: FloatArray | None = None  # the voltage that was learned, until it is known what of it is missing
         self._until = -1
         self._period: float | None = None  # the next one, while the correction of this one is taken back
 
     def _settings(self, period: float) -> RepetitionSettings:
         change = min(max(period, FADE[0]), FADE[1]) * self.sample_rate
-        return RepetitionSettings(period=period * self.sample_rate, change=change, share=min(LEVEL, period / CREEPS))
+        ticks = period * self.sample_rate
+        return RepetitionSettings(period=ticks, change=change, share=min(_share(ticks), period / CREEPS))
 
     @property
     def repeats(self) -> bool:
@@ -303,6 +320,8 @@ class RepetitiveController(Displayed):
         self._commands += 1
         low, high, slew = self._limits
         volts = self._repetition.volts(inside, low, high, slew / self.sample_rate)
+        if self._whole is not None:
+            self._restore(self._inside.put(at, inside))
         if self._until == self._commands:
             self._waited()
         if self._counts:
@@ -346,9 +365,10 @@ class RepetitiveController(Displayed):
         """A period of the motion is complete, or it no longer repeats."""
         motion = self._repetition
         if not motion.repeats:
+            self._gave_up = False
             if self._joined:
                 self._leave()
-        elif not self._joined and not motion.corrects:
+        elif not self._joined and not motion.corrects and not self._gave_up:
             self._joined = True
             dynamics, f = self._known(), np.arange(motion.size // 2 + 1) / self.period
             self._do(batches.joined(motion.wave, f, self.sample_rate, dynamics, self._band(dynamics), self._kept))
@@ -362,7 +382,7 @@ class RepetitiveController(Displayed):
 
     def _leave(self) -> None:
         """The correction is taken back; the controller inside, which has not followed, learns again at once."""
-        self._task = self._learned = self._watch = None
+        self._task = self._learned = self._watch = self._whole = None
         self._joined = self._rests = False
         if self._kept is not None:
             self._kept = replace(self._kept, level=self._repetition.goal)
@@ -371,6 +391,7 @@ class RepetitiveController(Displayed):
 
     def _become(self, volts: FloatArray) -> None:
         """The correction changes to this one; what is measured meanwhile does not count."""
+        self._table = volts if volts.size else np.zeros(self._repetition.size)
         changes = self._repetition.become(volts if volts.size else None, waits=self._decays)
         assert changes, "the last change has ended"
         self._wait()
@@ -413,9 +434,8 @@ class RepetitiveController(Displayed):
             self._counts, self._watch = False, None
             assert self._learned is not None
             added, inside = (total / k for total, k in zip(self._sums, self._outputs, strict=True))
-            self._do(
-                batches.concluded(self._learned, Measured(self._measured, added, inside, self._number, self._commands))
-            )
+            measured = Measured(self._measured, added, inside, self._table, self._number, self._commands)
+            self._do(batches.concluded(self._learned, measured))
 
     def _do(self, steps: Steps[Outcome]) -> None:
         """In the next ticks."""
@@ -428,15 +448,33 @@ class RepetitiveController(Displayed):
         if outcome.batch is not None:
             self.batches.append(outcome.batch)
             self._number += 1
+        if outcome.gives_up:
+            self._gave_up, self._kept = True, None
+            self._leave()
+            return
         if outcome.volts is None:
             if learned.law.fresh:
                 self._kept = None
-            self._wait()
+            if self._rests and not self._repetition.corrects:
+                self._become(np.zeros(self._repetition.size))  # the mean, which creeps, is followed at once
+            else:
+                self._wait()
+            return
+        if outcome.whole is not None:
+            self._whole = outcome.whole
+            self._become(np.zeros(self._repetition.size))
             return
         if outcome.batch is not None:  # else the mean is that of the controller inside, which has learned meanwhile
             rests = max(RESTS, math.ceil(self._change / self._repetition.size))
             self._kept, self._watch = Kept(learned, outcome.volts, 0.0), _Watch(outcome, rests)
         self._become(outcome.volts)
+
+    def _restore(self, inside: FloatArray | None) -> None:
+        """The voltage that was learned begins again, whatever the controller inside has learned meanwhile."""
+        if inside is None or self._whole is None:
+            return
+        volts, self._whole = self._whole - inside, None
+        self._become(volts - volts.mean())
 
     def hold(self) -> None:
         """Stop learning: correction and weights stay as they are, and are still taken back where the motion leaves."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.identification.fitting import coverage, modes, normal, zeros
 from truestroke.identification.fitting.absorbed import absorbed
@@ -54,6 +55,7 @@ def fit_samples(
     """
     s, zero = zeros.at_one_zero(s, samples)
     coarse = data_of(s, samples, CHOICE_ROWS)
+    _refuse_still(coarse)
     found = time_constants(s, coarse, delay, certain)
     if found.undecided and not _is_late(data_of(s, samples, LATE_ROWS), found, fixed):
         found = found.neither
@@ -76,6 +78,13 @@ def fit_samples(
     drift = fit.drift
     fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size])
     return fit, (*tried, *more), found
+
+
+def _refuse_still(data: Data) -> None:
+    """Where nothing moves behind the first sweep of its range, as between pieces at two voltages."""
+    if not data.fitted(rested=False).any():
+        sweep = f"no motion behind the first sweep of its {np.ptp(data.volts):.4g} V"
+        raise SettingError("record", sweep, "one that moves over its range more than once")
 
 
 @normal.one_thread

@@ -395,6 +395,9 @@ def _trajectory(given: Mapping[str, Any], folder: Path, rate: float) -> Trajecto
 def _with_dynamics(given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The same, with the dynamics of files of `truestroke bode` that it names."""
     named = {key: given[key] for key in ("turn", "settle") if isinstance(given.get(key), str)}
+    if isinstance(given.get("settle"), (int, float)):
+        words = "dynamics of the slow axis, a file of truestroke bode in quotes; a share of the period is of turn only"
+        raise SettingError("settle", repr(given["settle"]), words)
     return {**given, **{key: _dynamics(key, folder, name) for key, name in named.items()}}
 
 
