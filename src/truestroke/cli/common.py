@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import errno
 import functools
@@ -195,17 +196,20 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def in_words_of(command: click.Command | None, text: str) -> str:
+def in_words_of(command: click.Command | None, text: str, quote: str = "") -> str:
     """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option.
 
-    So does the name that a `SettingError` begins with.
+    So does the name that a `SettingError` begins with. Options in place of names in backticks are between `quote`.
     """
     options = [one for one in command.params if isinstance(one, click.Option)] if command else []
     names = {one.name: one.opts[0] for one in options}
 
     def option(match: re.Match[str]) -> str:
         name = match[1] or match[2]
-        return names.get(name) or names.get(ALIASES.get(name, name)) or (name if match[1] else match[0])
+        known = names.get(name) or names.get(ALIASES.get(name, name))
+        if match[1] is None:
+            return known or match[0]
+        return f"{quote}{known or name}{quote}"
 
     return re.sub(r"`([a-z_]+)`|^([a-z_]+)(?= = )", option, text)
 
@@ -371,7 +375,8 @@ def as_asked() -> dict[str, Any]:
         if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE or name in FILES:
             continue
         flag = [] if isinstance(parameter, click.Argument) else [parameter.opts[0]]
-        words += flag + [str(v).removesuffix(".0") for v in (value if isinstance(value, tuple) else (value,))]
+        several = () if value is True else value if isinstance(value, tuple) else (value,)
+        words += flag + [str(v).removesuffix(".0") for v in several]
     options = {name: value for name, value in context.params.items() if name not in FILES}
     return {"command": system.command_line(*words), "options": options}
 
@@ -380,7 +385,11 @@ def as_asked() -> dict[str, Any]:
 
 
 def save_page(page: Page, file: Path, plots: Path | None) -> list[str]:
-    """Write a page and, where a folder is given, its plots; the paths of these."""
+    """Write a page, whose verdict names options, and, where a folder is given, its plots; the paths of these."""
+    if page.verdict is not None:
+        command = click.get_current_context().command
+        reasons = tuple(in_words_of(command, reason, quote="`") for reason in page.verdict.reasons)
+        page = dataclasses.replace(page, verdict=Verdict(page.verdict.level, reasons))
     page.save(file)
     return [str(path) for path in page.save_plots(plots)] if plots else []
 

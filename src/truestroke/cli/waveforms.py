@@ -32,9 +32,9 @@ MOTIONS = {
     "step": ("step", {"velocity_limit": "velocity_limit", "settle": "settle", **SHARED}),
 }
 COLUMNS = {  # where columns are not known: in place of an argument of Python, the heading, for no option does it
-    "is position? Name it": "is position? Head it z (um)",
-    "is time? Name it": "is time? Head it t (s)",
-    "is volts? Name it": "is volts? Head it volts (V)",
+    "is position? Name it by `position`": "is position? Head it z (um)",
+    "is time? Name it by `time`": "is time? Head it t (s)",
+    "is volts? Name it by `volts`": "is volts? Head it volts (V)",
     "; name one": "; keep one of them in the file",
 }
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
