@@ -28,10 +28,20 @@ from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, asymmetry_terms, known_terms
-from truestroke.model.sampled import ahead, central_difference, creep_states, creep_to_come, play_sum, respond
+from truestroke.model.sampled import (
+    after_lag,
+    ahead,
+    central_difference,
+    creep_states,
+    creep_to_come,
+    play_sum,
+    respond,
+)
 from truestroke.signals import quiet
 
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
+PROVEN = 2.0  # deviations of a lag, beyond which it is one: motion that is faster than the record lags by no more
+SUBSTITUTIONS = 8  # of the velocity of such motion, in its voltage
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
 ALIKE = 4.0  # times the noise of the record's voltage, or over it: that of the same measurement
@@ -53,7 +63,8 @@ class ActuatorModel(Displayed, Layout):
     z is the displacement above `zero` before dead time and lag, c first-order states of x, and asymmetry
     4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`. The sensor reads z `delay`
     later, behind a first-order lag: exp(-s delay) / (1 + s time_constant). With `dynamics`, z is the strain, which
-    the stage answers.
+    the stage answers. Rate weights and lag are those up to `velocity`; what is faster is behind a first-order lag of
+    `proven_lag`.
 
     Attributes
     ----------
@@ -455,8 +466,9 @@ class ActuatorModel(Displayed, Layout):
             plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds) + further
             return displacement(self, w, plays, creep, velocity)
 
-        z = response(np.zeros_like(x))
-        return response(self.seen(central_difference(z, fs)))
+        velocity = central_difference(response(np.zeros_like(x)), fs)
+        seen = self.seen(velocity)
+        return response(seen) - after_lag(self.proven_lag * (velocity - seen), self.proven_lag * fs)
 
     def interval(
         self, volts: npt.ArrayLike, sample_rate: float, *, after: float = 0.0, measured: bool | None = None
@@ -501,6 +513,28 @@ class ActuatorModel(Displayed, Layout):
     def seen(self, velocity: FloatArray) -> FloatArray:
         """A velocity, um/s, within that of the record: beyond it the rate weights are as at its fastest."""
         return np.clip(velocity, -self.velocity, self.velocity) if self.velocity else velocity
+
+    @property
+    def proven_lag(self) -> float:
+        """As much of the lag's weight as is beyond `PROVEN` deviations, s: what is faster than the record lags by it.
+
+        At the speed of the record the weight is in full. Where its deviation is 0, and so not known, none is proven.
+        """
+        late = -float(self.weights[self.columns["lag"]].sum())
+        deviation = float(self.deviations[self.columns["lag"]].sum())
+        return max(late - PROVEN * deviation, 0.0) if deviation else 0.0
+
+    def before_lag(self, z: FloatArray, velocity: FloatArray, sample_rate: float) -> tuple[FloatArray, FloatArray]:
+        """The strain, um, that makes z of this velocity, um/s, behind `proven_lag`; and its velocity without a lag.
+
+        By repeated substitution, each of which leaves less.
+        """
+        lag = self.proven_lag
+        if not lag or not (velocity - self.seen(velocity)).any():
+            return z, velocity
+        for _ in range(SUBSTITUTIONS):
+            velocity = central_difference(z + after_lag(lag * velocity, lag * sample_rate), sample_rate)
+        return z + after_lag(lag * (velocity - self.seen(velocity)), lag * sample_rate), velocity
 
     # ---- Inverse ---------------------------------------------------------------------------------------------------
 
@@ -581,6 +615,7 @@ class ActuatorModel(Displayed, Layout):
         if late:
             z_d = z_d + late * rate  # what the lag needs before it
             rate = central_difference(z_d, fs)
+        z_d, rate = self.before_lag(z_d, rate, fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0, "dynamics": None}
         alike = self.settings if self.branches is None else self._settings
         fixed = alike(fs, initial_weights=self.delayed(0.0), **changes)
