@@ -42,6 +42,7 @@ from truestroke.signals import quiet
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
 PROVEN = 2.0  # deviations of a lag, beyond which it is one: motion that is faster than the record lags by no more
 SUBSTITUTIONS = 8  # of the velocity of such motion, in its voltage
+STEPPED = 5.0  # times the usual speed of a record: the fastest is that of a step
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
 ALIKE = 4.0  # times the noise of the record's voltage, or over it: that of the same measurement
@@ -87,8 +88,8 @@ class ActuatorModel(Displayed, Layout):
     velocity : float
         Fastest motion of the record, um/s.
     usual_velocity : float
-        Speed that all but a fiftieth of the record's travel has at most, um/s: beyond it the interval grows; 0 is not
-        known.
+        Speed that all but a fiftieth of the record's travel has at most, without a step with which it begins, um/s:
+        beyond it the interval grows; 0 is not known.
     tested_frequency : float
         Up to which the record tests the response of the stage, Hz (`tested.frequency`); 0 is not known.
     dynamics : Dynamics or None
@@ -515,6 +516,12 @@ class ActuatorModel(Displayed, Layout):
         return np.clip(velocity, -self.velocity, self.velocity) if self.velocity else velocity
 
     @property
+    def fastest(self) -> float:
+        """Fastest motion that the record shows, um/s: `velocity`, or the usual one where that is of a step or two."""
+        stepped = 0.0 < STEPPED * self.usual_velocity < self.velocity
+        return self.usual_velocity if stepped else self.velocity
+
+    @property
     def proven_lag(self) -> float:
         """As much of the lag's weight as is beyond `PROVEN` deviations, s: what is faster than the record lags by it.
 
@@ -674,7 +681,7 @@ class ActuatorModel(Displayed, Layout):
         Returns
         -------
         Beyond
-            Spans above or below `voltage_range`, V; spans where the prediction is faster than `velocity`, um/s; and
+            Spans above or below `voltage_range`, V; spans where the prediction is faster than `fastest`, um/s; and
             spans where it has motion above `tested_frequency`, um, more than twice the noise of the record.
 
         Examples
@@ -693,7 +700,7 @@ class ActuatorModel(Displayed, Layout):
         above = tested.above(self._moved(strain, fs), fs, self.tested_frequency)
         return Beyond(
             voltage=spans(np.maximum(x - high, low - x), fs),
-            velocity=spans(speed - (1 + ROUNDED) * self.velocity, fs),
+            velocity=spans(speed - (1 + ROUNDED) * self.fastest, fs),
             frequency=spans(above - tested.SEEN * self.noise, fs, above),
             tested_frequency=self.tested_frequency,
         )
