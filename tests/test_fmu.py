@@ -256,6 +256,20 @@ def test_an_actuator_without_dead_time_is_late_by_what_its_velocity_looks_ahead(
         assert np.abs(difference).max() <= largest  # exp of NumPy and of C differ in the last bit
 
 
+def test_an_actuator_is_beyond_a_record_that_shows_no_speed_but_that_of_a_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """2000 um/s is that of a step, most motion has 10 um/s; a ramp of some 800 um/s."""
+    monkeypatch.setenv("CC", "cc -O1")
+    found = []
+    for name, usual in (("motion", 1500.0), ("step", 10.0)):
+        file = export_fmu(model(usual_velocity=usual), tmp_path / f"{name}.fmu", sample_rate=1000.0)
+        unit = Unit(file, tmp_path / name).begin()
+        driven(unit, 0.1 * np.arange(10))
+        found.append(unit.get("beyond"))
+    assert found == [0, 1]
+
+
 def test_another_importer(exported: dict[str, Path], tmp_path: Path) -> None:
     """Ecos, whose library needs that of the package tbb: both FMUs of a loop step at the same time."""
     law = Unit(exported["controller"], tmp_path / "c", late=1).begin()

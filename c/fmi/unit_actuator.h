@@ -5,7 +5,7 @@
 #include "truestroke.h"
 
 typedef struct { /* places are those of the weights, -1 where there is none */
-    double sample_rate, rate_scale, velocity, stroke, zero; /* Hz, s/um, um/s, um, um */
+    double sample_rate, rate_scale, velocity, fastest, stroke, zero; /* Hz, s/um, um/s, um/s, um, um */
     double volts_low, volts_high;                           /* of the record, V */
     double r[FMU_PLAYS];                                    /* V */
     int a[FMU_PLAYS], b[FMU_PLAYS], lag, offset, asymmetry;

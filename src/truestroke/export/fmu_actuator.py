@@ -86,6 +86,7 @@ def _terms(model: ActuatorModel, sample_rate: float) -> dict[str, Any]:
         "sample_rate": sample_rate,
         "rate_scale": model.rate_scale,
         "velocity": model.velocity,
+        "fastest": model.fastest,
         "stroke": model.stroke,
         "zero": model.zero,
         "volts_low": model.voltage_range[0],
