@@ -426,7 +426,11 @@ def test_bad_rows_are_left_out_on_request_only(tmp_path: Path) -> None:
         ("a,V,z\n", {}, r"which column is time\? Name it by `time` or give the `sample_rate`"),
         ("t,V,b\n", {}, r"which column is displacement\? Name it by `displacement`; there are column 1 't'"),
         ("t (s),V (um),b (um)\n", {"volts": 2}, r"volts: column 2 'V' \(um\) is in um"),
-        ("t (s),a (V),b (V)\n", {}, r"volts: several columns could be it \(column 2 'a' \(V\), column 3 'b' \(V\)\)"),
+        (
+            "t (s),a (V),b (V)\n",
+            {},
+            r"several columns could be it \(column 2 'a' \(V\), column 3 'b' \(V\)\); name one by `volts`",
+        ),
         ("t,0.5,z\n", {}, r"line 1: 't,0.5,z' is neither names nor numbers only"),
     ],
 )

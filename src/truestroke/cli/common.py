@@ -270,7 +270,7 @@ overwrite_option = click.option("--overwrite", is_flag=True, expose_value=False,
                                 help="Replace existing files, of any origin.")  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 force_option = click.option("--force", is_flag=True,
-                            help="Fit a record that contradicts itself: units, clock, columns, shifts.")  # fmt: skip
+                            help="Use a record that contradicts itself: units, clock, columns, shifts.")  # fmt: skip
 page_options = options(plots_option, overwrite_option, json_option)
 record_options = options(  # RECORD, and how `truestroke.read_record` reads it
     click.argument("record", type=FILE),

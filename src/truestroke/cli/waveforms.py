@@ -35,7 +35,9 @@ COLUMNS = {  # where columns are not known: in place of an argument of Python, t
     "is position? Name it by `position`": "is position? Head it z (um)",
     "is time? Name it by `time`": "is time? Head it t (s)",
     "is volts? Name it by `volts`": "is volts? Head it volts (V)",
-    "; name one": "; keep one of them in the file",
+    **dict.fromkeys(
+        (f"; name one by `{role}`" for role in ("position", "time", "volts")), "; keep one of them in the file"
+    ),
 }
 METAVAR = f"[{'|'.join(MOTIONS)}|FILE.csv|FILE.npz]"
 

@@ -163,7 +163,9 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
         matches = [i for i in fits if table.units[i] in wanted.units]
     if len(matches) > 1:
         several = ", ".join(_heading(table, i) for i in matches)
-        raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); name one")
+        raise RecordError(
+            source, f"{wanted.role}: several columns could be it ({several}); name one by `{wanted.role}`"
+        )
     return matches[0] if matches else None
 
 
