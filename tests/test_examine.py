@@ -217,7 +217,10 @@ def test_further_suspicions() -> None:
     assert says(found(t, x, 10 * x), "hardly a loop")
     assert says(found(t[::60], x[::60], z[::60]), "samples on average")
     assert says(found(t[:60], x[:60], z[:60]), "a loop needs three")
-    assert says(examine(Record.from_arrays(x, z, sample_rate=RATE)), "no time stamps")
+    for rate in (RATE, RATE / 1000):  # Hz, and kHz that are taken for them
+        regular = examine(Record.from_arrays(x, z, sample_rate=rate))
+        stroke = x.size / rate / regular.strokes
+        assert says(regular, f"the given sample rate is used; by it a stroke takes {stroke:.3g} s")
 
 
 def test_any_usable_record_is_examined(tmp_path: Path) -> None:

@@ -73,7 +73,8 @@ def model(**changes: Any) -> ActuatorModel:
         [7.1, 0.5, 0.4, 0.3], [0.11, -0.07], creep=[0.1, 0.2], lag=-1.5e-4, offset=0.33, asymmetry=[0.4, -0.2]
     )
     others = {"stroke": 30.0, "voltage_range": RANGE, "rate_scale": 0.007, "velocity": 2000.0, "zero": 1.2345}
-    return ActuatorModel(**{**terms, **others, "weights": weights, "covariance": np.eye(weights.size), **changes})
+    covariance = 1e-10 * np.eye(weights.size)  # of a lag that is proven: volts_of is faster than the record
+    return ActuatorModel(**{**terms, **others, "weights": weights, "covariance": covariance, **changes})
 
 
 WHOLE = model(dynamics=STAGE, delay=3.7e-3, time_constant=2e-4, branches=CURVED)
@@ -253,6 +254,20 @@ def test_an_actuator_without_dead_time_is_late_by_what_its_velocity_looks_ahead(
         assert late == 2  # of 0.1 ms
         difference = driven(unit, volts)[late:] - one.predict(volts, 20_000.0)[:-late]
         assert np.abs(difference).max() <= largest  # exp of NumPy and of C differ in the last bit
+
+
+def test_an_actuator_is_beyond_a_record_that_shows_no_speed_but_that_of_a_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """2000 um/s is that of a step, most motion has 10 um/s; a ramp of some 800 um/s."""
+    monkeypatch.setenv("CC", "cc -O1")
+    found = []
+    for name, usual in (("motion", 1500.0), ("step", 10.0)):
+        file = export_fmu(model(usual_velocity=usual), tmp_path / f"{name}.fmu", sample_rate=1000.0)
+        unit = Unit(file, tmp_path / name).begin()
+        driven(unit, 0.1 * np.arange(10))
+        found.append(unit.get("beyond"))
+    assert found == [0, 1]
 
 
 def test_another_importer(exported: dict[str, Path], tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, SettingError, run, trajectories
-from truestroke.identification import Record, identify, load_model, save_model
+from truestroke.identification import Record, identify, load_model, read_record, save_model
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.structure import _of_model
 from truestroke.model.models import RateDependentModel, play_inverse_literal
@@ -244,3 +244,11 @@ def test_pieces_that_hardly_move_beside_the_step_between_them_are_refused():
     record = Record.from_arrays(volts, 8.3 * volts + noise, time=time, source="passes")
     with pytest.raises(SettingError, match=r"no motion behind the first sweep of its 0\.0273 V: must be one that"):
         identify(record)
+
+
+def test_a_part_with_too_few_samples_is_refused_with_its_file_and_what_helps(tmp_path: Path) -> None:
+    t = np.arange(50) / 100.0
+    x = 1.5 - 1.5 * np.cos(30 * t)
+    np.savetxt(tmp_path / "short.csv", np.column_stack([t, x, 10 * x]), delimiter=",", header="t (s),V,z (um)")
+    with pytest.raises(SettingError, match=r"in the held-out part of .*short.csv: must be .*record for longer"):
+        identify(read_record(tmp_path / "short.csv"), held_out=0.3)

@@ -252,3 +252,21 @@ def test_an_interval_holds_motion_that_is_faster_than_its_record():
     assert np.mean(off[t.size :] < without[t.size :]) < 0.7
     own = slice(0, t.size)  # at its own speed the interval is what it was
     assert np.mean(off[own] < width[own]) == pytest.approx(np.mean(off[own] < without[own]), abs=0.01)
+
+
+def test_a_step_at_the_beginning_shows_no_speed():
+    """From 0 V into a sine of 0.4 Hz for 10 s: that step is 3 % of all travel, and hundreds of times as fast."""
+    fs = 1000.0
+    rng = np.random.Generator(np.random.PCG64(4))
+    v = np.append(0.0, 0.6 + 0.35 * np.sin(2 * np.pi * 0.4 * np.arange(10_000) / fs))
+    z = 20 * foreign.lagged(foreign.bouc_wen(v), fs, 0.0015) + rng.normal(0, 0.01, v.size)
+    model = identify((100 * v, z, fs)).model
+    speed = float(np.abs(np.diff(20 * v[1:])).max() * fs)  # as a straight line has it
+    assert model.fastest == pytest.approx(speed, rel=0.5)
+    assert model.velocity > 50 * speed
+    fast = 0.6 + 0.3 * np.sin(2 * np.pi * 40.0 * np.arange(1000) / fs)
+    (beyond,) = model.beyond(100 * fast, fs).velocity
+    assert beyond.worst > 10 * speed
+    off = 20 * foreign.lagged(foreign.bouc_wen(np.append(v, fast)), fs, 0.0015)[v.size :]
+    off = np.abs(off - model.predict(100 * np.append(v, fast), fs)[v.size :])
+    assert np.mean(off < model.interval(100 * np.append(v, fast), fs)[v.size :]) > 0.9

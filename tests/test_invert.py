@@ -28,6 +28,7 @@ from truestroke.identification import (
     waveform,
 )
 from truestroke.identification.waveform import verdict_of
+from truestroke.model.sampled import respond
 from truestroke.plant import RealisticPlant
 from truestroke.signals.recording import Recording
 
@@ -446,3 +447,31 @@ def test_a_lag_that_the_record_leaves_open_is_said_of_faster_motion(speed, asked
     if asked:
         stated = float(said[0].split("may be ")[1].split(" um")[0])
         assert stated == pytest.approx(1e-3 * speed * 100.0 / np.sqrt(2), rel=0.05)
+
+
+def lagging(seconds, deviation):
+    """The same with a lag's weight, as of a record up to 100 um/s."""
+    return straight().replace(weights=[10.0, -seconds, 0.0], covariance=np.diag([0.0, deviation, 0.0]) ** 2)
+
+
+def test_what_is_faster_than_the_record_lags_as_far_as_is_proven():
+    """A step of 10 um behind two deviations less than 4 ms, by hand; none where these are more, or not known."""
+    fs, t = 10_000.0, np.arange(300) / 10_000.0
+    step = np.where(t < 0.005, 0.5, 1.5)
+    since = np.maximum(t - 0.005, 0.0)
+    predicted = lagging(0.004, 0.001).predict(step, fs)
+    np.testing.assert_allclose(predicted[60:], 15.0 - 10.0 * np.exp(-since / 0.002)[60:], atol=0.3)
+    for deviation in (0.0, 0.0021):
+        assert lagging(0.004, deviation).predict(step, fs)[52] == pytest.approx(15.0)
+    slow = 1.0 + 0.9 * np.sin(11.0 * t)
+    same = lagging(0.004, 0.0).predict(slow, fs)
+    np.testing.assert_array_equal(lagging(0.004, 0.001).predict(slow, fs), same)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 20.0, 60.0])
+def test_the_voltage_of_a_fast_motion_is_ahead_of_a_lag_that_is_proven(frequency):
+    """10 um/V behind a lag of 2 ms: sines up to 19 times as fast as the record."""
+    desired = 10.0 + 5.0 * np.sin(2 * np.pi * frequency * np.arange(2000) / FS)
+    volts = lagging(0.002, 1e-6).invert(desired, FS, voltage_limits=(-1.0, 3.0))
+    moved = respond(10.0 * volts, 0.0, 0.002 * FS)
+    assert rms((moved - desired)[200:]) < 0.05 * rms(desired - 10.0)  # late by the lag they miss 6 to 60 %

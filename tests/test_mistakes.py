@@ -308,7 +308,7 @@ def test_identify_refuses_with_the_evidence(tmp_path: Path, monkeypatch: pytest.
     refused = CliRunner().invoke(main, ["identify", "ms.csv"])
     assert (refused.exit_code, Path("model.toml").exists()) == (1, False)
     assert "'time' in ms) make" in refused.stderr
-    assert "--force fits it all the same" in refused.stderr
+    assert "--force uses it all the same" in refused.stderr
 
 
 def test_stamps_without_a_unit_may_be_in_any_and_counters_are_none(tmp_path: Path) -> None:
@@ -361,3 +361,22 @@ def test_noise_at_the_end_of_a_staircase_does_not_go_to_and_fro() -> None:
     v = np.minimum(k % 24, 24 - k % 24) / 12 * (0.6 + 0.4 * np.cos(4.7e-4 * np.arange(k.size)))
     z = 85 * play_history(v, (0.12,))[:, 0] + rng.normal(0, 1.7, v.size)
     assert examine(Record.from_arrays(350 * v, z, sample_rate=100.0)).implausible == ()
+
+
+def test_the_remedy_for_a_unit_of_the_file_that_is_wrong_is_one_that_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nanometres below um: the unit of the caller would be refused against that of the file, a scale is not."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(4000) / 1000.0
+    x = 1.5 - 1.5 * np.cos(2 * np.pi * t) * np.cos(0.8 * t)
+    for name, heading in (("stated", "z (um)"), ("bare", "z")):
+        table = np.column_stack([t, x, 1e4 * x])
+        np.savetxt(f"{name}.csv", table, delimiter=",", header=f"t (s),volts (V),{heading}", comments="")
+    remedies = {"stated.csv": "--displacement-scale 0.001", "bare.csv": "--displacement-unit nm"}
+    for file, remedy in remedies.items():
+        refused = CliRunner().invoke(main, ["examine", file])
+        assert f"If it is nm, say {remedy}" in " ".join(refused.output.split())
+        assert "If it is" not in CliRunner().invoke(main, ["examine", file, *remedy.split()]).output
+    against = CliRunner().invoke(main, ["identify", "stated.csv", "--displacement-unit", "nm"])
+    assert "if the file is wrong, give --displacement-scale 0.001 in its place" in against.stderr

@@ -7,6 +7,7 @@ import pytest
 from benchmarks import foreign_records
 from click.testing import CliRunner
 
+import truestroke
 from truestroke.base.checks import SettingError
 from truestroke.cli import main
 from truestroke.identification import Record, identify, save_model, score, waveform
@@ -183,3 +184,17 @@ def test_the_command_ends_with_the_verdict_of_an_actuator_that_has_changed(files
     assert (printed["verdict"], printed["offset_um"], printed["estimated"]) == ("bad", 0.0, False)
     assert printed["rmse_um"] == printed["rmse_without_offset_um"]
     assert printed["page"] == "score.html"
+
+
+@pytest.mark.usefixtures("each_picture_once")
+def test_the_page_names_options_repeats_flags_and_says_who_made_it(files):
+    """A record in nm below um, that `--force` scores."""
+    volts, moved, _ = day(2)
+    table = np.column_stack([np.arange(volts.size) / FS, volts, 1e3 * moved])
+    np.savetxt("nm.csv", table, delimiter=",", header="time (s),volts (V),z (um)", comments="")
+    done = CliRunner().invoke(main, ["score", "model.toml", "nm.csv", "--force"])
+    assert done.exit_code == 4, done.stderr
+    html = (files / "score.html").read_text()
+    assert "is a unit or a scale wrong (<code>--displacement-scale</code>, <code>--volts-scale</code>)" in html
+    assert "<code>truestroke score model.toml nm.csv --force</code>" in html
+    assert f"<footer>nm.csv · truestroke {truestroke.__version__}</footer>" in html

@@ -445,7 +445,11 @@ def test_csv_starts_from_zero_by_the_ramp(write):
         ("t,z,desired\n0,1,1\n1,1,1\n2,1,1\n3,1,1\n", {}, "position: several columns could be it"),
         ("t,error (um)\n0,1\n1,1\n2,1\n3,1\n", {}, "which column is position"),
         ("0,1\n0,1\n0,1\n0,1\n", {"position": 2, "time": 1}, "must be above 0.0 s"),
-        ("0,1,2\n1,1,2\n2,1,2\n3,1,2\n", {}, r"which column is position\? Name it; there are column 1 \(begins 0"),
+        (
+            "0,1,2\n1,1,2\n2,1,2\n3,1,2\n",
+            {},
+            r"which column is position\? Name it by `position`; there are column 1 \(begins 0",
+        ),
         ("0,1\n1,1\n2,1\n3,1\n", {"position": 0}, "position: no column 0; they count from 1"),
         ("0\n1\n2\n3\n", {"position": 2}, r"no column 2; they count from 1, there is column 1 \(begins 0"),
         ("0,1\n1,1\n2,1\n3,1\n", {"position": "3"}, "position: no column 3; they count from 1"),

@@ -112,8 +112,10 @@ static double strain_of_past(fmu_unit *u, uint64_t tick)
     double rise = sample(u, tick)->still - sample(u, from)->still;
     double velocity = rise * model->sample_rate / (double)(tick - from);
     double seen = model->velocity > 0 ? clipped(velocity, -model->velocity, model->velocity) : velocity;
-    u->fast = seen != velocity;
-    return strain(u, sample(u, tick - FMU_LOOK), seen);
+    u->fast = model->fastest > 0 && fabs(velocity) > model->fastest;
+    double beyond = model->proven * (velocity - seen), late = u->faster + model->faster[0] * beyond;
+    u->faster = beyond * model->faster[1] + late * model->faster[2];
+    return strain(u, sample(u, tick - FMU_LOOK), seen) - late;
 }
 
 /* ---- Stage, lag and dead time -------------------------------------------------------------------------------------- */

@@ -5,7 +5,7 @@
 #include "truestroke.h"
 
 typedef struct { /* places are those of the weights, -1 where there is none */
-    double sample_rate, rate_scale, velocity, stroke, zero; /* Hz, s/um, um/s, um, um */
+    double sample_rate, rate_scale, velocity, fastest, stroke, zero; /* Hz, s/um, um/s, um/s, um, um */
     double volts_low, volts_high;                           /* of the record, V */
     double r[FMU_PLAYS];                                    /* V */
     int a[FMU_PLAYS], b[FMU_PLAYS], lag, offset, asymmetry;
@@ -22,6 +22,7 @@ typedef struct { /* places are those of the weights, -1 where there is none */
     double direct[3], section[FMU_SECTIONS + 1][4]; /* of the dynamics: taps; b0, b1, a1, a2 */
     double last, before, kept;                    /* of the lag */
     double part;                                  /* of a tick: what the delay has beside whole ones */
+    double proven, faster[3]; /* s: by which motion lags that is faster than the record; last, before, kept of it */
 } fmu_model;
 
 typedef struct { /* a tick, kept until the velocity around it is known */
@@ -35,6 +36,7 @@ typedef struct {
     double curved[FMU_CURVES + 1][FMU_CURVED + 1], levelled[FMU_LEVELS + 1], duhem[2 * FMU_DUHEM + 1], s;
     fmu_sample sample[2 * FMU_LOOK + 1];
     double rest;                                      /* um: the strain of the first tick */
+    double faster;                                    /* um: of the lag of motion that is faster than the record */
     double dead[FMU_DEAD + 1], input[2], section[FMU_SECTIONS + 1][2], lag, late[FMU_WHOLE + 2];
     bool fast; /* whether the velocity was beyond that of the record */
 } fmu_unit;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import errno
 import functools
@@ -201,17 +202,20 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def in_words_of(command: click.Command | None, text: str) -> str:
+def in_words_of(command: click.Command | None, text: str, quote: str = "") -> str:
     """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option.
 
-    So does the name that a `SettingError` begins with.
+    So does the name that a `SettingError` begins with. Options in place of names in backticks are between `quote`.
     """
     options = [one for one in command.params if isinstance(one, click.Option)] if command else []
     names = {one.name: one.opts[0] for one in options}
 
     def option(match: re.Match[str]) -> str:
         name = match[1] or match[2]
-        return names.get(name) or names.get(ALIASES.get(name, name)) or (name if match[1] else match[0])
+        known = names.get(name) or names.get(ALIASES.get(name, name))
+        if match[1] is None:
+            return known or match[0]
+        return f"{quote}{known or name}{quote}"
 
     return re.sub(r"`([a-z_]+)`|^([a-z_]+)(?= = )", option, text)
 
@@ -272,7 +276,7 @@ overwrite_option = click.option("--overwrite", is_flag=True, expose_value=False,
                                 help="Replace existing files, of any origin.")  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 force_option = click.option("--force", is_flag=True,
-                            help="Fit a record that contradicts itself: units, clock, columns, shifts.")  # fmt: skip
+                            help="Use a record that contradicts itself: units, clock, columns, shifts.")  # fmt: skip
 page_options = options(plots_option, overwrite_option, json_option)
 record_options = options(  # RECORD, and how `truestroke.read_record` reads it
     click.argument("record", type=FILE),
@@ -404,7 +408,11 @@ def _words(parameter: click.Parameter, value: Any) -> list[str]:
 
 
 def save_page(page: Page, file: Path, plots: Path | None) -> list[str]:
-    """Write a page and, where a folder is given, its plots; the paths of these."""
+    """Write a page, whose verdict names options, and, where a folder is given, its plots; the paths of these."""
+    if page.verdict is not None:
+        command = click.get_current_context().command
+        reasons = tuple(in_words_of(command, reason, quote="`") for reason in page.verdict.reasons)
+        page = dataclasses.replace(page, verdict=Verdict(page.verdict.level, reasons))
     page.save(file)
     return [str(path) for path in page.save_plots(plots)] if plots else []
 

@@ -28,10 +28,21 @@ from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import Layout
 from truestroke.model.models import Motion, asymmetry_terms, known_terms
-from truestroke.model.sampled import ahead, central_difference, creep_states, creep_to_come, play_sum, respond
+from truestroke.model.sampled import (
+    after_lag,
+    ahead,
+    central_difference,
+    creep_states,
+    creep_to_come,
+    play_sum,
+    respond,
+)
 from truestroke.signals import quiet
 
 SLOPES = 0.4, 4.0  # of the straight line's slope: limits of the partial slopes; wider by default, where it is not known
+PROVEN = 2.0  # deviations of a lag, beyond which it is one: motion that is faster than the record lags by no more
+SUBSTITUTIONS = 8  # of the velocity of such motion, in its voltage
+STEPPED = 5.0  # times the usual speed of a record: the fastest is that of a step
 DRIFT = 0.1  # relative: how far an actuator may be from its record, in deviations of the default prior
 
 ALIKE = 4.0  # times the noise of the record's voltage, or over it: that of the same measurement
@@ -53,7 +64,8 @@ class ActuatorModel(Displayed, Layout):
     z is the displacement above `zero` before dead time and lag, c first-order states of x, and asymmetry
     4 s (1 - s) and 8 s (1 - s)(1 - 2 s) with s = z / stroke, as in `ControllerSettings`. The sensor reads z `delay`
     later, behind a first-order lag: exp(-s delay) / (1 + s time_constant). With `dynamics`, z is the strain, which
-    the stage answers.
+    the stage answers. Rate weights and lag are those up to `velocity`; what is faster is behind a first-order lag of
+    `proven_lag`.
 
     Attributes
     ----------
@@ -76,8 +88,8 @@ class ActuatorModel(Displayed, Layout):
     velocity : float
         Fastest motion of the record, um/s.
     usual_velocity : float
-        Speed that all but a fiftieth of the record's travel has at most, um/s: beyond it the interval grows; 0 is not
-        known.
+        Speed that all but a fiftieth of the record's travel has at most, without a step with which it begins, um/s:
+        beyond it the interval grows; 0 is not known.
     tested_frequency : float
         Up to which the record tests the response of the stage, Hz (`tested.frequency`); 0 is not known.
     dynamics : Dynamics or None
@@ -455,8 +467,9 @@ class ActuatorModel(Displayed, Layout):
             plays = play_sum(x, self.rate_scale * velocity, a, b, self.thresholds) + further
             return displacement(self, w, plays, creep, velocity)
 
-        z = response(np.zeros_like(x))
-        return response(self.seen(central_difference(z, fs)))
+        velocity = central_difference(response(np.zeros_like(x)), fs)
+        seen = self.seen(velocity)
+        return response(seen) - after_lag(self.proven_lag * (velocity - seen), self.proven_lag * fs)
 
     def interval(
         self, volts: npt.ArrayLike, sample_rate: float, *, after: float = 0.0, measured: bool | None = None
@@ -501,6 +514,34 @@ class ActuatorModel(Displayed, Layout):
     def seen(self, velocity: FloatArray) -> FloatArray:
         """A velocity, um/s, within that of the record: beyond it the rate weights are as at its fastest."""
         return np.clip(velocity, -self.velocity, self.velocity) if self.velocity else velocity
+
+    @property
+    def fastest(self) -> float:
+        """Fastest motion that the record shows, um/s: `velocity`, or the usual one where that is of a step or two."""
+        stepped = 0.0 < STEPPED * self.usual_velocity < self.velocity
+        return self.usual_velocity if stepped else self.velocity
+
+    @property
+    def proven_lag(self) -> float:
+        """As much of the lag's weight as is beyond `PROVEN` deviations, s: what is faster than the record lags by it.
+
+        At the speed of the record the weight is in full. Where its deviation is 0, and so not known, none is proven.
+        """
+        late = -float(self.weights[self.columns["lag"]].sum())
+        deviation = float(self.deviations[self.columns["lag"]].sum())
+        return max(late - PROVEN * deviation, 0.0) if deviation else 0.0
+
+    def before_lag(self, z: FloatArray, velocity: FloatArray, sample_rate: float) -> tuple[FloatArray, FloatArray]:
+        """The strain, um, that makes z of this velocity, um/s, behind `proven_lag`; and its velocity without a lag.
+
+        By repeated substitution, each of which leaves less.
+        """
+        lag = self.proven_lag
+        if not lag or not (velocity - self.seen(velocity)).any():
+            return z, velocity
+        for _ in range(SUBSTITUTIONS):
+            velocity = central_difference(z + after_lag(lag * velocity, lag * sample_rate), sample_rate)
+        return z + after_lag(lag * (velocity - self.seen(velocity)), lag * sample_rate), velocity
 
     # ---- Inverse ---------------------------------------------------------------------------------------------------
 
@@ -581,6 +622,7 @@ class ActuatorModel(Displayed, Layout):
         if late:
             z_d = z_d + late * rate  # what the lag needs before it
             rate = central_difference(z_d, fs)
+        z_d, rate = self.before_lag(z_d, rate, fs)
         changes = {"voltage_limits": limits, "slew_limit": slew_limit, "smoothing_time": 0.0, "dynamics": None}
         alike = self.settings if self.branches is None else self._settings
         fixed = alike(fs, initial_weights=self.delayed(0.0), **changes)
@@ -639,7 +681,7 @@ class ActuatorModel(Displayed, Layout):
         Returns
         -------
         Beyond
-            Spans above or below `voltage_range`, V; spans where the prediction is faster than `velocity`, um/s; and
+            Spans above or below `voltage_range`, V; spans where the prediction is faster than `fastest`, um/s; and
             spans where it has motion above `tested_frequency`, um, more than twice the noise of the record.
 
         Examples
@@ -658,7 +700,7 @@ class ActuatorModel(Displayed, Layout):
         above = tested.above(self._moved(strain, fs), fs, self.tested_frequency)
         return Beyond(
             voltage=spans(np.maximum(x - high, low - x), fs),
-            velocity=spans(speed - (1 + ROUNDED) * self.velocity, fs),
+            velocity=spans(speed - (1 + ROUNDED) * self.fastest, fs),
             frequency=spans(above - tested.SEEN * self.noise, fs, above),
             tested_frequency=self.tested_frequency,
         )

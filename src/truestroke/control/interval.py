@@ -120,8 +120,8 @@ def of_speed(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> Flo
 
     s is by how much the strain is faster than `model.usual_velocity`, the largest within 1 / F about each sample, for
     what is late goes on at a turn. F is the frequency up to which the record tests the response; lag the weight, sigma
-    its deviation: the record knows it together with other weights, which make up for it at its own speed alone, and the
-    prediction has no more of it than at the fastest of the record.
+    its deviation: the record knows it together with other weights, which make up for it at its own speed alone, and
+    beyond the fastest of the record the prediction has `proven_lag` of it.
     """
     usual, F = model.usual_velocity or model.velocity, model.tested_frequency
     faster = np.maximum(np.abs(central_difference(model.strain(volts, sample_rate), sample_rate)) - usual, 0.0)

@@ -190,7 +190,7 @@ def _of_extrapolation(model: "ActuatorModel", made: Made, beyond: Beyond, least:
             "range, and identify anew.",
         )
     faster = max((span.worst for span in beyond.velocity), default=0.0)
-    times = 1 + faster / model.velocity if model.velocity and faster else 0.0
+    times = 1 + faster / model.fastest if model.fastest and faster else 0.0
     hidden = max(times * (error_of(model) or model.noise), _late(model, made))
     if times and (hidden > least or times > FASTER):
         yield (

@@ -91,8 +91,10 @@ class Memory:
         if not z.size:
             return z
         moving = z.size > 1
-        velocity = model.seen(central_difference(z, fs)) if moving else np.zeros_like(z)
-        z = z + (model.delay + model.time_constant) * velocity
+        rate = central_difference(z, fs) if moving else np.zeros_like(z)
+        z = z + (model.delay + model.time_constant) * model.seen(rate)
+        z, rate = model.before_lag(z, rate, fs)
+        velocity = model.seen(rate)
         volts, before = np.full_like(z, self.volts), np.full_like(z, np.inf)
         for _ in range(PASSES):
             creep = self._creep(volts, fs) if moving else self._c[:, None]

@@ -38,6 +38,7 @@ def constants(model: ActuatorModel, sample_rate: float) -> tuple[dict[str, int],
     from_dead = min(dead, look)
     from_whole = min(whole, look - from_dead)
     last, before, kept = sampled.lag_coefficients(lag)
+    faster = sampled.lag_coefficients(model.proven_lag * sample_rate)
     members = {
         **_terms(model, sample_rate),
         **_branches(model),
@@ -47,6 +48,8 @@ def constants(model: ActuatorModel, sample_rate: float) -> tuple[dict[str, int],
         "before": before,
         "kept": kept,
         "part": delay - whole,
+        "proven": model.proven_lag,
+        "faster": faster,
     }
     sizes = _sizes(model) | {
         "LOOK": look,
@@ -83,6 +86,7 @@ def _terms(model: ActuatorModel, sample_rate: float) -> dict[str, Any]:
         "sample_rate": sample_rate,
         "rate_scale": model.rate_scale,
         "velocity": model.velocity,
+        "fastest": model.fastest,
         "stroke": model.stroke,
         "zero": model.zero,
         "volts_low": model.voltage_range[0],

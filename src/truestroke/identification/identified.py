@@ -215,8 +215,8 @@ def _refuse_empty(s: Series, train: int) -> None:
             )
     for part, known in (("first", s.known[:train]), ("held-out", s.known[train:])):
         if np.count_nonzero(known) < FEWEST:
-            found = f"{np.count_nonzero(known)} samples outside its gaps in the {part} part"
-            raise SettingError("record", found, f"one with at least {FEWEST}")
+            found = f"{np.count_nonzero(known)} samples outside its gaps in the {part} part of {s.source}"
+            raise SettingError("record", found, f"one with at least {FEWEST}: record for longer, or at a higher rate")
 
 
 def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:

@@ -63,16 +63,27 @@ def respond(y: FloatArray, delay: float, time_constant: float) -> FloatArray:
     """
     if y.size == 0 or (delay == 0.0 and time_constant == 0.0):
         return y
-    above = y - y[:1]
-    if time_constant > 0.0:
-        from scipy.signal import lfilter
-
-        last, before, kept = lag_coefficients(time_constant)
-        above = lfilter([last, before], [1.0, -kept], above, axis=0)
+    above = after_lag(y - y[:1], time_constant)
     whole = min(int(delay), len(y))
     part = delay - int(delay)
     late = np.concatenate([np.zeros((whole + 1, *y.shape[1:])), above])
     return np.asarray(y[:1] + (1 - part) * late[1 : len(y) + 1] + part * late[: len(y)])
+
+
+def after_lag(y: FloatArray, time_constant: float) -> FloatArray:
+    """y behind a first-order lag of `time_constant` samples, from rest at 0.
+
+    Examples
+    --------
+    >>> after_lag(np.array([0.0, 1.0, 1.0, 1.0]), 1.0).round(3)
+    array([0.   , 0.368, 0.767, 0.914])
+    """
+    if time_constant == 0.0 or not y.any():
+        return y
+    from scipy.signal import lfilter
+
+    last, before, kept = lag_coefficients(time_constant)
+    return np.asarray(lfilter([last, before], [1.0, -kept], y, axis=0))
 
 
 def lag_coefficients(time_constant: float) -> tuple[float, float, float]:

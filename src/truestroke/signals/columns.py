@@ -10,7 +10,7 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.signals import formats
-from truestroke.signals.tables import OTHERS, RecordError, Table, is_unit, name_and_unit, unit
+from truestroke.signals.tables import OTHERS, UNITS, RecordError, Table, is_unit, name_and_unit, unit
 
 NO_VALUE = 1e30  # instruments mark what they have not measured by 9.9e37 or 9.91e37 (SCPI), or by a larger number
 LISTED = 24  # columns that an error names
@@ -87,6 +87,19 @@ class Column:
     asked: bool = field(default=False, repr=False)
     other: str = field(default="", repr=False)
 
+    def says(self, role: str, unit: str = "") -> str:
+        """The argument that states the unit, or this unit; against V or um of the file, a scale does.
+
+        Examples
+        --------
+        >>> [Column("z", "um", bool(of), of).says("displacement", "nm") for of in ("", "um")]
+        ['`displacement_unit` nm', '`displacement_scale` 0.001']
+        """
+        if self.of_file in ("V", "um"):
+            size = f" {UNITS[role][unit]:g}" if unit else f", {self.of_file} for one of the column"
+            return f"`{role}_scale`{size}"
+        return f"`{role}_unit`" + (f" {unit}" if unit else f" or `{role}_scale`")
+
 
 def read_columns(
     path: Path, table: Table, wanted: Sequence[Wanted], places: Sequence[str], complete: bool = False
@@ -111,7 +124,7 @@ def read_columns(
         if index is not None and index not in found.values():
             found[w.role] = index
         elif w.needed:
-            known = f"Head it {w.heading}" if w.heading else "Name it"
+            known = f"Head it {w.heading}" if w.heading else f"Name it by `{w.role}`"
             remedy = f"{known} or give {w.instead}" if w.instead else known
             raise RecordError(source, f"which column is {w.role}? {remedy}; {_listing(table)}")
     for role, index in found.items():
@@ -157,24 +170,26 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
         matches = [i for i in fits if table.units[i] in wanted.units]
     if len(matches) > 1:
         several = ", ".join(_heading(table, i) for i in matches)
-        remedy = "keep one of them in the file" if wanted.heading else "name one"
+        remedy = "keep one of them in the file" if wanted.heading else f"name one by `{wanted.role}`"
         raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); {remedy}")
     return matches[0] if matches else None
 
 
 def _listing(table: Table) -> str:
-    shown = ", ".join(_heading(table, i) for i in range(min(table.width, LISTED)))
+    shown = ", ".join(_heading(table, i, begins=True) for i in range(min(table.width, LISTED)))
     more = table.width - LISTED
     shown = f"there {'is' if table.width == 1 else 'are'} {shown}"
     return shown + (f" and {more} more: are the signals in rows? Transpose them" if more > 0 else "")
 
 
-def _heading(table: Table, index: int) -> str:
+def _heading(table: Table, index: int, begins: bool = False) -> str:
+    """A column as an error names it: by its name, if it has one, else, or if asked for, by its first values."""
+    values = table.head[:3, index] if table.head.size and (begins or not table.names) else ()
+    first = f" (begins {', '.join(f'{v:g}' for v in values)})" if len(values) else ""
     if not table.names:
-        values = table.head[:, index]
-        return f"column {index + 1} (begins {', '.join(f'{v:g}' for v in values[:3])})"
+        return f"column {index + 1}{first}"
     unit = f" ({table.units[index]})" if table.units[index] not in ("", table.names[index]) else ""
-    return f"column {index + 1} {table.names[index]!r}{unit}"
+    return f"column {index + 1} {table.names[index]!r}{unit}{first}"
 
 
 def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:

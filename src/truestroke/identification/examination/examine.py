@@ -313,7 +313,8 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         says.append(f"{new}: the sensor is slower than the record, and {every} rows are one measurement")
     if found.jitter_us is None:
         stamps = record.unused or "there are no time stamps"
-        says.append(f"{stamps}: jitter and gaps cannot be measured, the given sample rate is used")
+        stroke = f"by it a stroke takes {figures(found.duration_s / found.strokes)} s"
+        says.append(f"{stamps}: jitter and gaps cannot be measured, the given sample rate is used; {stroke}")
     elif (error := 1e-6 * found.jitter_us * found.rates_um_s[1]) > max(found.noise_um, 1e-3 * found.stroke_um):
         says.append(
             f"jitter of the time stamps makes errors of about {error:.2g} um at {figures(found.rates_um_s[1])} um/s"

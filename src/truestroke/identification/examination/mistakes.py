@@ -58,7 +58,7 @@ def refuse(found: Findings) -> None:
     """
     if found.mistakes:
         reasons = "; ".join(found.mistakes)
-        raise RecordError(found.source, f"{reasons}; `force` fits it all the same, and the model is marked")
+        raise RecordError(found.source, f"{reasons}; `force` uses it all the same, and a model of it is marked")
 
 
 def mistakes(record: Record, found: Findings) -> tuple[str, ...]:
@@ -91,16 +91,18 @@ def _of_names(record: Record) -> Iterator[str]:
 def _of_size(record: Record, found: Findings) -> Iterator[str]:
     """Spans, gain and speed that no actuator has: wrong units."""
     volts, stroke, gain = float(np.ptp(record.volts)), found.stroke_um, abs(found.gain_um_per_v)
-    moved = record.columns["displacement"]
+    moved, of_volts = record.columns["displacement"], record.columns["volts"]
     smallest = NANOMETRES if moved.stated and moved.unit == "nm" else STROKE[0]
     spans = f"the voltage spans {figures(volts, 4)} V for {figures(stroke)} um"
     if volts > VOLTS[1] or (volts > HIGH_VOLTS and gain < HIGH_GAIN):
-        yield f"{spans}: is its unit right? If it is mV, say `volts_unit`"
+        yield f"{spans}: is its unit right? If it is mV, say {of_volts.says('volts', 'mV')}"
     elif volts < VOLTS[0]:
-        yield f"{spans}: is its unit right? If it is V, say `volts_unit`"
+        yield f"{spans}: is its unit right? If it is V, say {of_volts.says('volts', 'V')}"
     elif not smallest <= stroke <= STROKE[1] or gain > GAIN:
         spans = f"the displacement spans {figures(stroke)} um, {figures(gain)} um/V"
-        yield f"{spans}: is its unit right? `displacement_unit` or `displacement_scale` says it"
+        long = stroke > STROKE[1]
+        said = f"If it is nm, say {moved.says('displacement', 'nm')}" if long else f"State {moved.says('displacement')}"
+        yield f"{spans}: is its unit right? {said}"
     else:
         yield from _of_clock(record, found)
 

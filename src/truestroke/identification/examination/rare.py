@@ -191,8 +191,8 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
     if not moved.asked and moved.unit == "um" and _whole(record.displacement):
         yield (
             f"the displacement has whole numbers of um only, from {record.displacement.min():g} to "
-            f"{record.displacement.max():g}: are they counts or nm? State its unit (`displacement_unit`, "
-            "`displacement_scale`)"
+            f"{record.displacement.max():g}: are they counts or nm? State its unit "
+            f"({moved.says('displacement')})"
         )
     elif not moved.asked and moved.unit == "um" and found.displacement_um in NORMALISED:
         yield (
@@ -202,8 +202,8 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
     elif not moved.asked and moved.unit == "um" and (step := _of_converter(record.displacement)):
         yield (
             f"the displacement stays within +-10 um in steps of {step:.6g} um, as the volts of a converter of 20 V do "
-            "in steps of a power of two: are they a sensor's V? State the unit (`displacement_unit`), or its um/V "
-            "(`displacement_scale`)"
+            "in steps of a power of two: are they a sensor's V? State the unit, or its um/V "
+            f"({moved.says('displacement')})"
         )
     elif not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
         yield (
@@ -212,12 +212,14 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         )
     elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
         others = "nm or mm" if stroke < SMALL else "nm or counts"
-        yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit (`displacement_unit`)"
+        yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit ({moved.says('displacement')})"
     elif not moved.asked and not WEAK <= gain <= STRONG:
         what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
-        yield f"{figures(stroke)} um for {figures(span)} V is {what}: is its unit right? State it (`displacement_unit`)"
+        said = f"is its unit right? State it ({moved.says('displacement')})"
+        yield f"{figures(stroke)} um for {figures(span)} V is {what}: {said}"
     elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
-        yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: is the voltage in V? State its unit (`volts_unit`)"
+        said = f"is the voltage in V? State its unit ({volts.says('volts')})"
+        yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: {said}"
 
 
 def _of_converter(values: FloatArray) -> float:

@@ -114,7 +114,7 @@ def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float, st
         Of the model, um.
     """
     ahead, fit, been = _errors(model, data, s, weight, strain)
-    usual = interval.shown_velocity(central_difference(strain, data.sample_rate))
+    usual = interval.shown_velocity(central_difference(strain, data.sample_rate)[data.begun :])
     model = model.replace(jitter=ahead.jitter(model), usual_velocity=min(usual, model.velocity))
     model = model.replace(explored=Explored(been, ahead.growth(model)))
     return model.replace(coverage_factor=math.sqrt(ahead.factor(model) * fit.factor(model)))

@@ -16,6 +16,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import stage
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.fitting.normal import Prior
+from truestroke.identification.records.resting import begun
 from truestroke.identification.records.series import first_known
 from truestroke.model import prior
 from truestroke.model.branches import Branches
@@ -112,6 +113,11 @@ class Data:
     def rate_scale(self) -> float:
         """c_b, s/um: as `ControllerSettings` has it, unless the record is faster."""
         return 1 / max(50 * self.stroke, self.fastest)
+
+    @cached_property
+    def begun(self) -> int:
+        """First row of all from which on the velocity is that of the motion: none of a step with which it begins."""
+        return begun(self.volts, self.sample_rate)
 
     @cached_property
     def settled(self) -> int:

@@ -259,7 +259,9 @@ def _of_units(columns: Mapping[str, Column]) -> Iterator[str]:
     """Units that the caller states against those of the file."""
     for role, column in columns.items():
         if column.of_file and column.of_file != column.unit:
-            yield f"{column.heading!r} is in {column.of_file}, as the file says, but `{role}_unit` is {column.unit}"
+            unit, says = f"`{role}_unit` is {column.unit}", column.says(role, column.unit)
+            right = f"; if the file is wrong, give {says} in its place" if "scale" in says else ""
+            yield f"{column.heading!r} is in {column.of_file}, as the file says, but {unit}{right}"
 
 
 def _places(table: Table) -> tuple[str, ...]:

@@ -6,12 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
+from truestroke.model.sampled import velocity_span
 
 STILL = 0.025  # of the voltage range: smaller steps back and forth, or deviations of noise, are no motion
 BLOCKS = 400  # of a record: means over them, which noise of the voltage hardly moves
 SHARE, LONG = 0.1, 1 / 3  # of the record, and of its motion: shorter ones, as of a staircase, are a part of the motion
 FITTED = 0.1  # of the motion: so many rows of a rest are fitted; with more the intervals are too narrow for motion
 FEWEST_MOVE = 0.02  # of the record: with less motion, as of few steps, the rests are what it shows
+
+STEP = 0.1  # of the voltage range, in a row: no motion, but a step
 
 Flags = npt.NDArray[np.bool_]
 
@@ -34,6 +37,24 @@ def moving(x: FloatArray) -> Flags:
         for start, stop in rests:
             rows[start:stop] = stop - start <= LONG * motion
     return rows
+
+
+def begun(x: FloatArray, sample_rate: float) -> int:
+    """First row whose velocity has nothing of a step with which the motion begins; 0 where it begins without.
+
+    Of motion that is as fast as such a step a record shows nothing but its end. It is in the velocity, and so in terms
+    of a strain that follow it, whose velocity is once more that around a row.
+
+    Examples
+    --------
+    >>> [begun(np.concatenate([[0.0], first + np.linspace(0.0, 1.0, 50)]), 1000.0) for first in (0.0, 0.5)]
+    [0, 3]
+    """
+    off, step = np.abs(x - x[0]), STEP * float(np.ptp(x))
+    first = int(np.argmax(off > step))
+    if abs(x[first] - x[first - 1]) <= step:
+        return 0
+    return first + 2 * velocity_span(sample_rate)
 
 
 def fitted(x: FloatArray) -> Flags:

@@ -59,7 +59,7 @@ def tested_range(model: ActuatorModel) -> str:
     """Voltages, speed and frequency up to which the record of a model tests it."""
     low, high = model.voltage_range
     of = f" and {figures(model.tested_frequency)} Hz" if model.tested_frequency else ""
-    return f"{low:.4g} to {high:.4g} V, up to {figures(model.velocity)} um/s{of}"
+    return f"{low:.4g} to {high:.4g} V, up to {figures(model.fastest)} um/s{of}"
 
 
 def percent(value: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +92,7 @@ def score_page(found: Score, model: ActuatorModel, model_file: str | Path = "", 
         ],
         plots=lambda theme: plots(found, model, theme),
         command=command,
-        footer=found.trace.source,
+        footer=f"{found.trace.source} · truestroke {version('truestroke')}",
     )
 
 

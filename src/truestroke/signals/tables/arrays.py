@@ -230,9 +230,8 @@ def _xlsx(path: Path) -> Table:
     names, units = _names_above(above)
     if names:
         units = stated_units(units, [isinstance(cells[start][p], datetime) for p in places])
-    head = np.zeros((0, 0)) if names else table[:PROBE]
     read = lambda columns, _: [table[:, c].copy() for c in columns]  # noqa: E731
-    return Table(names, units, head, read, lambda index: (start + index + 1, ""))
+    return Table(names, units, table[:PROBE], read, lambda index: (start + index + 1, ""))
 
 
 def _names_above(above: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:

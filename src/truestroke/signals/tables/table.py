@@ -42,7 +42,7 @@ class Table:
     units : tuple[str, ...]
         As the file states them; "" where it does not.
     head : ndarray, shape (rows, columns)
-        The first rows of a file without names; empty where there are names.
+        The first rows; empty where the file is read by its names.
     read : callable
         Columns by their indices -> an array each. What is not a number is NaN. A text is read no further than the
         chunk with the first NaN unless `complete`.

@@ -97,8 +97,9 @@ def read_text(path: Path, narrowest: int) -> Table:
     names, units = _header(path, layout, above, width)
     if names:
         units = stated_units(units, map(_is_moment, layout.fields(rows[0])))
-    head = np.zeros((0, 0)) if names else _parse_slowly(rows, layout, range(width))
-    _refuse_split(path, layout, above, head)
+    head = _parse_slowly(rows, layout, range(width))
+    if not names:
+        _refuse_split(path, layout, above, head)
     return Table(names, units, head, partial(_columns, layout), partial(_locate, layout), "line")
 
 
