@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from truestroke import AdaptiveController, ControllerSettings, SettingError, run, trajectories
+from truestroke import AdaptiveController, ControllerSettings, SettingError, judge, run, trajectories
 from truestroke.base.typing import FloatArray
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
@@ -136,6 +136,24 @@ def test_the_kernel_has_the_bits_of_the_numpy_text(f0: float, given: dict[str, o
             text.adapt(z)
 
 
+def test_lines_that_are_added_while_a_load_is_heard_have_the_bits_of_the_numpy_text() -> None:
+    settings = ControllerSettings(resonance=300.0, **AXIS)
+    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant = StagePlant(stage(300.0, 0.3), seed=1)
+    plant.open()
+    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=10_000.0)
+    for k, z_d in enumerate(wave.position[:10_500].tolist()):
+        if k == 9500:
+            assert controller.load[1] > 0
+            controller.change(hum=50.0)
+            text.change(hum=50.0)
+        volts = controller.command(z_d, float(wave.velocity[k]))
+        assert text.command(z_d, float(wave.velocity[k])) == volts, k
+        z = float(plant.exchange(np.array([volts]))[0])
+        controller.adapt(z)
+        text.adapt(z)
+
+
 def test_hum_that_is_added_and_removed_on_the_way_makes_no_step() -> None:
     plant = StagePlant(stage(600.0, 0.3), seed=1)
     controller, volts = AdaptiveController(**AXIS), []
@@ -147,3 +165,66 @@ def test_hum_that_is_added_and_removed_on_the_way_makes_no_step() -> None:
         controller.adapt(plant.exchange(np.array([volts[-1]]))[0])
     steps = np.abs(np.diff(volts))
     assert steps[10_000:].max() < 3 * steps[5000:10_000].max() + 0.06  # 0.06 V is the hum in volts
+
+
+@pytest.mark.parametrize(
+    ("known", "f0", "motion"),
+    [("f0", 600.0, 0.3), ("f0", 1200.0, 3.0), ("dynamics", 250.0, 3.0), ("dynamics", 600.0, 0.3)],
+)
+def test_a_load_that_nobody_names_is_heard_and_taken_away(known: str, motion: float, f0: float) -> None:
+    """Where the settings know the stage: 0.3 um at 71 Hz, in the last 2 of 4 s."""
+    plant = stage(f0, 0.3)
+    given = {"resonance": f0} if known == "f0" else {"dynamics": plant.dynamics()}
+    error, controller = followed(plant, motion=motion, **given)
+    frequency, amplitude = controller.load
+    assert frequency == pytest.approx(LINE, abs=1.0)
+    assert 0.05 < amplitude < 0.4
+    assert "um at 7" in str(controller)
+    assert error.std() < 0.35 * 0.3 / math.sqrt(2)
+
+
+def test_the_verdict_of_a_short_run_names_the_load_and_no_other_cause() -> None:
+    plant = stage(600.0, 0.5)
+    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.5, sample_rate=10_000.0)
+    recording = run(wave, AdaptiveController(resonance=600.0, **AXIS), StagePlant(plant, seed=1))
+    verdict = judge(recording)
+    assert verdict.level == "doubtful"
+    (reason,) = verdict.reasons
+    assert reason.startswith("A load of 71 Hz and 0.5")
+    assert "`hum = [71]`" in reason
+
+
+@pytest.mark.parametrize("given", [{"resonance": 300.0}, {"dynamics": stage(300.0, 0.0).dynamics()}])
+def test_the_kernel_hears_with_the_bits_of_the_numpy_text(given: dict[str, object]) -> None:
+    settings = ControllerSettings(**AXIS, **given)
+    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant = StagePlant(stage(300.0, 0.3), seed=1)
+    plant.open()
+    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=10_000.0)
+    for k, z_d in enumerate(wave.position[:9500].tolist()):
+        motion = z_d, float(wave.velocity[k]), float(wave.acceleration[k])
+        volts = controller.command(*motion)
+        assert text.command(*motion) == volts, k
+        z = float(plant.exchange(np.array([volts]))[0])
+        if k % 1397 != 5:
+            controller.adapt(z)
+            text.adapt(z)
+    assert controller.load[0] == pytest.approx(LINE, abs=1.0)
+
+
+@pytest.mark.parametrize("known", ["f0", "dynamics"])
+@pytest.mark.parametrize("kind", ["sine", "raster", "random"])
+def test_no_load_is_heard_where_there_is_none(kind: str, known: str) -> None:
+    """What a fast motion leaves repeats with it, and a random one leaves no tone."""
+    plant = stage(600.0, 0.0, hysteresis_kind="bouc-wen")
+    of = {"duration": 4.0, "sample_rate": 10_000.0}
+    moved = {"frequency": 60.0, "peak_to_peak": 12.0, "offset": 10.0, **of}
+    wave = {
+        "sine": lambda: trajectories.sine(**moved),
+        "raster": lambda: trajectories.raster(**moved | {"frequency": 25.0}),
+        "random": lambda: trajectories.random_wave(cutoff=40.0, seed=2, **of),
+    }[kind]()
+    given = {"resonance": 600.0} if known == "f0" else {"dynamics": plant.dynamics()}
+    controller = AdaptiveController(**AXIS, **given)
+    run(wave, controller, StagePlant(plant, seed=1))
+    assert not controller.load[1] > 0.01  # um

@@ -86,8 +86,8 @@ typedef enum {
 #ifndef TS_FEEDBACKS /* filters of the feedback; at least 1 */
 #define TS_FEEDBACKS 13
 #endif
-#ifndef TS_LINES /* of hum; at least 1 */
-#define TS_LINES 6
+#ifndef TS_LINES /* of hum, and a load that was heard; at least 1 */
+#define TS_LINES 7
 #endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 #ifndef TS_MAX_PRIOR /* entries of the prior covariance; fewer where rows of it begin with zeros */
@@ -501,22 +501,6 @@ typedef struct {
     bool started, rings;
 } ts_ringing;
 
-/* ---- Hum: sines of known frequency from outside ---------------------------------------------------------------------- */
-
-/* Their amplitudes follow what the model does not expect, as those of an adaptive noise canceller (Widrow et al. 1975). The law learns
- * from the measurement without them: else it would take what the command does against them for a property of the actuator. */
-typedef struct {
-    ts_real line[TS_LINES][3];        /* of each: cosine and sine of its angle in a tick, and 1/s */
-    int lines;
-} ts_hum;
-
-typedef struct {
-    ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
-    ts_real sine[TS_LINES][2];        /* um: their amplitudes */
-    ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
-    ts_real subtracted;               /* um: of the last command */
-} ts_hum_state;
-
 /* ---- A steady tone in the error: a load from outside ------------------------------------------------------------------ */
 
 /* A stage that rings decays, and what the motion excites again and again is a harmonic of it. A tone that does neither comes from
@@ -532,6 +516,7 @@ typedef struct {
     int passed, turns;                /* ticks, and turns upwards */
 } ts_tone;
 
+#define TS_STEADY_TONE ((ts_real)0.95) /* of the square of a block: its product with the one before, where a tone is no ringing: it neither decays nor grows */
 #define TS_OF_LOAD ((ts_real)0.35) /* of the frequency of a load: what is shown so near to it is the load */
 
 /* Anew, about this frequency, cycles per tick. */
@@ -541,10 +526,29 @@ TS_API void ts_tone_begin(ts_tone *t, ts_real centre);
 TS_API void ts_tone_tick(ts_tone *t, ts_real error, ts_real zdot_d);
 
 /* The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none. */
-TS_API ts_real ts_tone_of_load(const ts_tone *t);
+TS_API ts_real ts_tone_of_load(const ts_tone *t, ts_real steady);
 
 /* Of what is about the frequency: its amplitude, um. */
 TS_API ts_real ts_tone_amplitude(const ts_tone *t);
+
+/* ---- Hum: sines of known frequency from outside ---------------------------------------------------------------------- */
+
+/* Their amplitudes follow what the model does not expect, as those of an adaptive noise canceller (Widrow et al. 1975). The law learns
+ * from the measurement without them: else it would take what the command does against them for a property of the actuator. */
+typedef struct {
+    ts_real line[TS_LINES][3];        /* of each: cosine and sine of its angle in a tick, and 1/s */
+    int lines;
+} ts_hum;
+
+typedef struct {
+    ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
+    ts_real sine[TS_LINES][2];        /* um: their amplitudes */
+    ts_real heard[3];                 /* the line of a load that nobody has named; 0: none was heard */
+    ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
+    ts_real centre;                   /* cycles per tick: about which a load is looked for; 0: it has not begun */
+    ts_real subtracted;               /* um: of the last command */
+    ts_tone tone;                     /* about that centre */
+} ts_hum_state;
 
 /* ---- The first resonance from what is measured anyway ---------------------------------------------------------------- */
 

@@ -395,8 +395,11 @@ static bool measure(ts_controller *c, ts_real z)
     bool at_limit = c->x[slot] >= s->voltage_max || c->x[slot] <= s->voltage_min;
     if (!used) ts_oscillation_miss(&c->oscillation, &s->oscillation, &error);
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, ts_was_good(c) ? limited : at_limit);
-    ts_forget_hum(c);
-    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) ts_watch_resonance(c, alone, error, d, staged);
+    if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) {
+        ts_forget_hum(c);
+        ts_listen(c, error, d->zdot_d);
+        ts_watch_resonance(c, alone, error, d, staged);
+    }
     if (s->law == TS_LAW_KALMAN) {
         ts_watch_learning(c, error, d->z_d, used && (!at_limit || back));
         if (staged && c->dynamics.ticks != c->lagged.ticks + 1) c->kept.watch.recall.missed.counted = 0; /* u is not that of the measurement before */

@@ -77,9 +77,10 @@ ts_status ts_controller_change(ts_controller *c, const ts_settings *next)
     ts_status status = ts_check(next);
     if (status != TS_OK) return status;
     if (!ts_same_model(s, next)) return TS_BAD_TERMS;
-    bool as_it_was = ts_same_stage(s, next);
+    bool as_it_was = ts_same_stage(s, next), other_lines = s->hum.lines != next->hum.lines;
     c->settings = next;
     if (!as_it_was) ts_forget_stage(c);
+    if (other_lines) ts_hum_anew(&c->hum);
     if (!(next->trim > 0)) c->integral = 0; /* its share goes into the bumpless transfer */
     ts_keep_command(c);
     return TS_OK;

@@ -97,11 +97,13 @@ TS_API void ts_keep_command(ts_controller *c);
 
 /* hum.c */
 TS_API void ts_hum_begin(ts_hum_state *h);
+TS_API void ts_hum_anew(ts_hum_state *h);
 TS_API void ts_hum_tick(ts_controller *c);
 TS_API ts_real ts_hum_of(const ts_controller *c);
 TS_API void ts_hum_follow(ts_controller *c, ts_real innovation);
 TS_API ts_real ts_power_of_hum(const ts_controller *c);
 TS_API bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude);
+TS_API void ts_listen(ts_controller *c, ts_real error, ts_real zdot_d);
 TS_API void ts_forget_hum(ts_controller *c);
 TS_API ts_real ts_hum_ahead(const ts_controller *c, ts_real *ahead);
 

@@ -7,8 +7,24 @@
 #define NEAR_RESONANCE ((ts_real)0.5)  /* of it: from there on a line is not subtracted */
 #define AS_LOUD 2                      /* times a line: a half-wave of an oscillation beside it */
 #define OF_LINE ((ts_real)0.2)        /* of the frequency of a line: what is shown so near to it is the line */
+#define SAME_LINE ((ts_real)0.02)     /* of the frequency of a line: a load that is so near to it is that line */
+#define LOWEST_LOAD 10                 /* Hz: where the search for a load ends, */
+#define NEXT_LOAD ((ts_real)0.6)      /* and how it goes down */
+#define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, where no stage rings, but the law still learns */
+#define BLOCKS_HEARD 10               /* of a centre */
 #define BEGINS 5                      /* times 1 / HUM_FOLLOWED: until then the amplitudes are not known */
 #define LONG_OVER ((ts_real)0.2)      /* s at that bound, after which the command drives a line, and leaves it alone */
+
+/* Those that are named, and one that was heard. */
+static int lines_of(const ts_controller *c)
+{
+    return c->settings->hum.lines + (c->hum.heard[2] > 0 ? 1 : 0);
+}
+
+static const ts_real *line_of(const ts_controller *c, int i)
+{
+    return i < c->settings->hum.lines ? c->settings->hum.line[i] : c->hum.heard;
+}
 
 /* One tick of a phasor; its length stays one. */
 static void rotate(ts_real *turn, const ts_real *line)
@@ -24,11 +40,18 @@ void ts_hum_begin(ts_hum_state *h)
     for (int i = 0; i < TS_LINES; i++) h->turn[i][0] = 1;
 }
 
+/* Other lines than before: each begins anew. */
+void ts_hum_anew(ts_hum_state *h)
+{
+    memset(h->sine, 0, sizeof h->sine);
+    memset(h->over, 0, sizeof h->over);
+    memset(h->heard, 0, sizeof h->heard);
+}
+
 /* The next tick that is measured, or passed over. */
 void ts_hum_tick(ts_controller *c)
 {
-    const ts_hum *lines = &c->settings->hum;
-    for (int i = 0; i < lines->lines; i++) rotate(c->hum.turn[i], lines->line[i]);
+    for (int i = 0; i < lines_of(c); i++) rotate(c->hum.turn[i], line_of(c, i));
 }
 
 /* In the measurement of this tick, um. */
@@ -36,7 +59,7 @@ ts_real ts_hum_of(const ts_controller *c)
 {
     const ts_hum_state *h = &c->hum;
     ts_real sum = 0;
-    for (int i = 0; i < c->settings->hum.lines; i++) sum += h->sine[i][0] * h->turn[i][0] + h->sine[i][1] * h->turn[i][1];
+    for (int i = 0; i < lines_of(c); i++) sum += h->sine[i][0] * h->turn[i][0] + h->sine[i][1] * h->turn[i][1];
     return sum;
 }
 
@@ -46,7 +69,7 @@ void ts_hum_follow(ts_controller *c, ts_real innovation)
     ts_hum_state *h = &c->hum;
     ts_real tick = c->settings->oscillation.tick, rate = HUM_FOLLOWED * tick, most = LARGEST_HUM * c->settings->stroke;
     ts_real step = (rate < 1 ? rate : 1) * innovation;
-    for (int i = 0; i < c->settings->hum.lines; i++) {
+    for (int i = 0; i < lines_of(c); i++) {
         ts_real *a = h->sine[i], x = a[0] + step * h->turn[i][0], y = a[1] + step * h->turn[i][1];
         a[0] = within(x, -most, most);
         a[1] = within(y, -most, most);
@@ -65,7 +88,7 @@ static bool begins(const ts_controller *c, uint64_t ago)
 ts_real ts_power_of_hum(const ts_controller *c)
 {
     ts_real sum = 0;
-    for (int i = 0; i < c->settings->hum.lines; i++) {
+    for (int i = 0; i < lines_of(c); i++) {
         const ts_real *a = c->hum.sine[i];
         sum += (a[0] * a[0] + a[1] * a[1]) / 2;
     }
@@ -76,9 +99,9 @@ ts_real ts_power_of_hum(const ts_controller *c)
 bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude)
 {
     const ts_settings *s = c->settings;
-    for (int i = 0; i < s->hum.lines; i++) {
+    for (int i = 0; i < lines_of(c); i++) {
         const ts_real *a = c->hum.sine[i];
-        ts_real line = s->hum.line[i][2] * s->oscillation.tick / (2 * TS_PI);
+        ts_real line = line_of(c, i)[2] * s->oscillation.tick / (2 * TS_PI);
         if (size_of(frequency / line - 1) < OF_LINE && amplitude < AS_LOUD * root_of(a[0] * a[0] + a[1] * a[1])) return true;
     }
     return false;
@@ -89,9 +112,9 @@ void ts_forget_hum(ts_controller *c)
 {
     const ts_settings *s = c->settings;
     bool given = s->resonance > 0 || s->dynamics.known;
-    if (s->hum.lines == 0 || given || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
+    if (lines_of(c) == 0 || given || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
     ts_real most = LOUD_LINE * s->stroke;
-    for (int i = 0; i < s->hum.lines; i++) {
+    for (int i = 0; i < lines_of(c); i++) {
         const ts_real *a = c->hum.sine[i];
         ts_real size = root_of(a[0] * a[0] + a[1] * a[1]);
         if (size > most) most = size;
@@ -101,11 +124,16 @@ void ts_forget_hum(ts_controller *c)
     ts_keep_command(c);
 }
 
+/* The first resonance of the stage, cycles per tick; 0: it is not known. */
+static ts_real first_resonance(const ts_controller *c)
+{
+    return is_given(c) ? c->settings->dynamics.first : c->stage.resonance;
+}
+
 /* Near the resonance, or above it, the model does not know enough of what the stage makes of a command. */
 static bool is_near_resonance(const ts_controller *c, const ts_real *line)
 {
-    ts_real turns = line[2] * c->settings->oscillation.tick / (2 * TS_PI);
-    ts_real resonance = is_given(c) ? c->settings->dynamics.first : c->stage.resonance;
+    ts_real turns = line[2] * c->settings->oscillation.tick / (2 * TS_PI), resonance = first_resonance(c);
     return resonance > 0 && turns > NEAR_RESONANCE * resonance;
 }
 
@@ -118,15 +146,49 @@ ts_real ts_hum_ahead(const ts_controller *c, ts_real *ahead)
     ts_real first = g->known ? g->lead[0] : 0;
     ts_real second = g->known ? g->lead[1] : c->stage.inertia * s->oscillation.tick, sum = 0;
     *ahead = 0;
-    if ((is_given(c) && s->feedback.filters > 0) || begins(c, 0)) return 0;
-    for (int i = 0; i < s->hum.lines; i++) {
-        if (!(c->hum.over[i] < LONG_OVER) || is_near_resonance(c, s->hum.line[i])) continue;
-        ts_real turn[2] = {c->hum.turn[i][0], c->hum.turn[i][1]}, w = s->hum.line[i][2];
-        for (uint64_t tick = measured_ticks(c); tick <= c->counters.commands; tick++) rotate(turn, s->hum.line[i]);
+    if (begins(c, 0)) return 0;
+    for (int i = is_given(c) && s->feedback.filters > 0 ? s->hum.lines : 0; i < lines_of(c); i++) {
+        if (!(c->hum.over[i] < LONG_OVER) || is_near_resonance(c, line_of(c, i))) continue;
+        ts_real turn[2] = {c->hum.turn[i][0], c->hum.turn[i][1]}, w = line_of(c, i)[2];
+        for (uint64_t tick = measured_ticks(c); tick <= c->counters.commands; tick++) rotate(turn, line_of(c, i));
         const ts_real *a = c->hum.sine[i];
         ts_real now = a[0] * turn[0] + a[1] * turn[1], quarter = a[1] * turn[0] - a[0] * turn[1];
         sum += now;
         *ahead += first * (w * quarter) - second * (w * w * now);
     }
     return sum;
+}
+
+/* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and the one that was heard before
+ * is not as loud. */
+static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
+{
+    int heard = c->settings->hum.lines;
+    ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
+    const ts_real *a = c->hum.sine[heard], line[3] = {(1 - g * g) / all, 2 * g / all, w};
+    ts_real before = c->hum.heard[2] > 0 ? root_of(a[0] * a[0] + a[1] * a[1]) : 0;
+    if (is_near_resonance(c, line) || amplitude < AS_LOUD * before || amplitude > LARGEST_HUM * c->settings->stroke) return;
+    for (int i = 0; i < lines_of(c); i++)
+        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
+    memcpy(c->hum.heard, line, sizeof line);
+    c->hum.sine[heard][0] = c->hum.sine[heard][1] = c->hum.over[heard] = 0;
+}
+
+/* One tick of the search for a load, where the settings know the stage: from half of its resonance downwards, each centre for 20 periods.
+ * error: measured less desired, um. */
+void ts_listen(ts_controller *c, ts_real error, ts_real zdot_d)
+{
+    const ts_settings *s = c->settings;
+    ts_hum_state *h = &c->hum;
+    if ((!s->dynamics.known && !(s->resonance > 0)) || s->trim > 0) return;
+    bool anew = !(h->centre > 0);
+    if (!anew && h->tone.blocks >= BLOCKS_HEARD) {
+        ts_real shown = ts_tone_of_load(&h->tone, STEADY_LOAD);
+        if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&h->tone));
+        h->centre *= NEXT_LOAD;
+        anew = true;
+    }
+    if (h->centre < LOWEST_LOAD * s->oscillation.tick) h->centre = NEAR_RESONANCE * first_resonance(c);
+    if (anew) ts_tone_begin(&h->tone, h->centre);
+    ts_tone_tick(&h->tone, error, zdot_d);
 }

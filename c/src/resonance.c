@@ -352,7 +352,7 @@ static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, 
 /* A load that the window sees is no resonance: what the window shows near it, or points to, is not that of the stage. */
 static void pass_over_load(ts_resonance *r, ts_window *w, ts_real loudest)
 {
-    ts_real tone = ts_tone_of_load(&r->tone), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
+    ts_real tone = ts_tone_of_load(&r->tone, TS_STEADY_TONE), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
     if (r->load > most) r->load = most;
     if (!(tone > 0) || !(r->power < loudest)) return;
     if (amplitude > r->load) r->load = amplitude;

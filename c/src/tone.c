@@ -6,7 +6,6 @@
 #define BLOCK_PERIODS 4                /* of the centre: a block */
 #define LONGEST_BLOCK ((ts_real)1e8)   /* ticks */
 #define FEWEST_BLOCKS 9                /* of a window, half a block after each other: fewer show nothing */
-#define STEADY_TONE ((ts_real)0.95)    /* of the square of a block: its product with the one before, where a tone is steady: it neither decays nor grows */
 #define HIGHEST_ORDER ((ts_real)20.5)  /* of a harmonic of the motion: higher ones cannot be distinguished, */
 #define OFF_HARMONIC ((ts_real)0.04)   /* nor are they by less of the motion's frequency */
 
@@ -94,10 +93,10 @@ static ts_real frequency_of(const ts_tone *t)
     return (BLOCK_PERIODS + 2 * half_angle / TS_PI) / (ts_real)t->block;
 }
 
-ts_real ts_tone_of_load(const ts_tone *t)
+ts_real ts_tone_of_load(const ts_tone *t, ts_real steady)
 {
     ts_real larger = t->power[t->power[0] > t->power[1] ? 0 : 1];
-    if (t->blocks < FEWEST_BLOCKS || !(root_of(square_of(t->product)) > STEADY_TONE * larger)) return 0;
+    if (t->blocks < FEWEST_BLOCKS || !(root_of(square_of(t->product)) > steady * larger)) return 0;
     ts_real frequency = frequency_of(t);
     if (t->turns < 2) return frequency;
     ts_real order = frequency * (t->last - t->first) / (ts_real)(t->turns - 1);

@@ -190,7 +190,9 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
     visit("feedback_damping", &c.feedback.damping[0], 10);
-    visit("hum", &c.hum.turn[0][0], sizeof c.hum / sizeof(ts_real));
+    visit("hum", &c.hum.turn[0][0], offsetof(ts_hum_state, tone) / sizeof(ts_real));
+    visit("hum_tone", &c.hum.tone.step[0], offsetof(ts_tone, block) / sizeof(ts_real));
+    visit("hum_tone_ticks", &c.hum.tone.block, 5);
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);
     visit("inertia", &g.inertia, 1);
@@ -323,16 +325,19 @@ ts_real lowest_resonance(const ts_controller &c) {
     return TS_LOWEST_RESONANCE * c.settings->oscillation.tick;
 }
 
+void check_tone(const char *name, const char *ticks, const ts_tone &t, bool begun) {
+    bool counts = t.block >= 0 && t.ticks >= 0 && t.blocks >= 0 && t.passed >= 0 && t.turns >= 0;
+    require_all(ticks, counts && t.block < INT32_MAX / 2 && t.ticks <= t.block && (!begun || t.block >= 8), "counts of 0 or more, of a block that has not ended");
+    require_all(name, t.power[0] >= 0 && t.power[1] >= 0 && t.last >= t.first && t.first >= 0, "a mean square of 0 or more, and turns in their order");
+}
+
 void check_resonance(const ts_controller &c) {
     const ts_resonance &r = c.resonance;
     bool sought = r.known == 0 || r.known >= static_cast<ts_real>(0.99) * lowest_resonance(c);
     bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.swept >= 0 && r.swept < 1 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0 && r.load >= 0 && r.load_at >= 0 && r.load_at < 1 && (r.load == 0 || r.load_at > 0);
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
-    const ts_tone &t = r.tone;
-    bool counts = t.block >= 0 && t.ticks >= 0 && t.blocks >= 0 && t.passed >= 0 && t.turns >= 0;
-    require_all("tone_ticks", counts && t.block < INT32_MAX / 2 && t.ticks <= t.block && (r.ticks == 0 || t.block >= 8), "counts of 0 or more, of a block that has not ended");
-    require_all("tone", t.power[0] >= 0 && t.power[1] >= 0 && t.last >= t.first && t.first >= 0, "a mean square of 0 or more, and turns in their order");
+    check_tone("tone", "tone_ticks", r.tone, r.ticks > 0);
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);
     require_all("resonance_ticks", r.ticks >= 0 && r.settling >= 0 && r.settling < INT32_MAX / 2 && r.window >= 0 && r.window < INT32_MAX / 2 && begun && r.windows >= 0 && r.windows <= 1000 && r.pointed >= 0 && r.pointed <= TS_MOST_POINTED,
                 "counts of 0 or more, of a window that has not ended");
@@ -353,6 +358,8 @@ void check_kalman(const ts_controller &c) {
         ts_real length = turn[0] * turn[0] + turn[1] * turn[1];
         require_all("hum", length > static_cast<ts_real>(0.99) && length < static_cast<ts_real>(1.01) && c.hum.over[i] >= 0, "phasors of length 1, and times of 0 or more");
     }
+    require_all("hum", c.hum.centre >= 0 && c.hum.centre < 1 && c.hum.heard[2] >= 0, "frequencies of 0 or more");
+    check_tone("hum_tone", "hum_tone_ticks", c.hum.tone, c.hum.centre > 0);
     ts_real lowest = lowest_resonance(c); // the law waits for a period of a stage that was found
     if (c.found.known && c.stage.resonance < lowest) lowest = c.stage.resonance;
     int longest_wait = lowest > 0 ? static_cast<int>(std::min(1 / lowest, static_cast<ts_real>(INT32_MAX / 2))) + 1 : 0;
@@ -582,6 +589,12 @@ class Kernel {
     // Of the first resonance that was told or found, and of the corner of the law's filter, cycles per tick; NaN for
     // the first where none is known, for both where the law is not the Kalman filter.
     double resonance() const { return c_.stage.resonance > 0 ? c_.stage.resonance : NAN; }
+    nb::tuple load() const { // cycles per tick, um; NaN where none was heard
+        const ts_real *a = c_.hum.sine[c_.settings->hum.lines];
+        bool heard = c_.hum.heard[2] > 0;
+        double turns = c_.hum.heard[2] * c_.settings->oscillation.tick / (2 * TS_PI);
+        return nb::make_tuple(heard ? turns : NAN, heard ? std::hypot(a[0], a[1]) : NAN);
+    }
     double filter() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.filter : NAN; }
     double noise() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
@@ -1121,6 +1134,7 @@ MODULE(TS_MODULE, m) {
         .def("covariance", &Kernel::covariance)
         .def("noise", &Kernel::noise)
         .def("resonance", &Kernel::resonance)
+        .def("load", &Kernel::load)
         .def("filter", &Kernel::filter)
         .def("flags", &Kernel::flags)
         .def("counters", &Kernel::counters);

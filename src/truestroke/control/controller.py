@@ -261,6 +261,9 @@ class AdaptiveController(Displayed):
 
     def _display(self) -> tuple[str, Rows]:
         found = [("resonance", quantity(self.resonance, "Hz")), ("noise", quantity(self.noise, "um"))]
+        frequency, amplitude = self.load
+        if amplitude > 0:
+            found.append(("load", f"{quantity(amplitude, 'um')} at {quantity(frequency, 'Hz')}, which `hum` names"))
         return f"{type(self).__name__}: {self.settings.summary}", [
             *controller_rows(self.settings, self.weights, self.innovation, dataclasses.asdict(self.counters)),
             *found,
@@ -541,6 +544,15 @@ here: make this controller with the settings of the other one, restore, then `ch
         known = self._kernel.resonance() * self.settings.sample_rate
         given = self.settings.dynamics
         return known if given is None or known > 0 else given.modes[0].frequency
+
+    @property
+    def load(self) -> tuple[float, float]:
+        """Frequency, Hz, and amplitude, um, of a load that nobody has named with `hum`, and that was heard; or NaN.
+
+        It is listened for where `dynamics` or `resonance` are known, below half of the first resonance.
+        """
+        turns, amplitude = self._kernel.load()
+        return turns * self.settings.sample_rate, amplitude
 
     @property
     def filter_frequency(self) -> float:

@@ -84,8 +84,12 @@ class ToneDetector:
     @property
     def of_load(self) -> float:
         """The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none."""
+        return self.shown(STEADY_TONE)
+
+    def shown(self, steady: float) -> float:
+        """The same, where the product of a block and the one before is such a share of the squares."""
         larger = max(self._later, self._earlier)
-        if self._blocks < FEWEST_BLOCKS or not math.sqrt(_square(self._product)) > STEADY_TONE * larger:
+        if self._blocks < FEWEST_BLOCKS or not math.sqrt(_square(self._product)) > steady * larger:
             return 0.0
         frequency = self._frequency
         if self._turns < 2:
@@ -94,6 +98,11 @@ class ToneDetector:
         if not 0 <= order < HIGHEST_ORDER:
             return frequency
         return frequency if abs(order - int(order + 0.5)) > OFF_HARMONIC else 0.0
+
+    @property
+    def blocks(self) -> int:
+        """That have ended."""
+        return self._blocks
 
     @property
     def amplitude(self) -> float:

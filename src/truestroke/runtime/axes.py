@@ -283,7 +283,8 @@ class _Log:
         own = {key: of_all[key] for key in ("trajectory", "controller")}
         own["controller"] |= {"ticks_before": self._before[name]}
         learned = run_metadata.repetition(self._controller.learned.get(name, axis), self._timing.sample_rate)
-        found = {"resonance": run_metadata.resonance(axis), "repetition": learned}
+        known = {"resonance": run_metadata.resonance(axis), "load": run_metadata.load(axis)}
+        found = {**known, "repetition": learned}
         return own | {"notices": list(self._notices.get(name, ())), **found}
 
     def _metadata(self) -> dict[str, Any]:

@@ -66,6 +66,12 @@ def resonance(controller: Any) -> float | None:
     return known if isinstance(known, float) and math.isfinite(known) else None
 
 
+def load(controller: Any) -> dict[str, float] | None:
+    """A load of one frequency that the controller heard: `frequency_hz`, `amplitude_um`; None if there was none."""
+    frequency, amplitude = getattr(controller, "load", (math.nan, math.nan))
+    return {"frequency_hz": frequency, "amplitude_um": amplitude} if amplitude > 0 else None
+
+
 def repetition(learner: Any, sample_rate: float = math.nan) -> dict[str, object] | None:
     """What was learned of a motion that repeats: its period, s, and the rms of the mean error of each batch, um.
 

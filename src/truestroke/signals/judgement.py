@@ -440,6 +440,22 @@ def _unusable(ticks: npt.NDArray[np.bool_], words: str) -> Finding | None:
     return "bad" if share > BLIND else "doubtful", f"{words} {_percent(share)} of the ticks."
 
 
+def _shaken(run: _Run) -> Finding | None:
+    """Whether a load of one frequency, which the controller heard, may be why the error is large, or learning fails."""
+    heard = _of_axis(run.recording, "load")
+    frequency, amplitude = (
+        _positive(heard.get(name)) if isinstance(heard, Mapping) else None for name in ("frequency_hz", "amplitude_um")
+    )
+    disturbed = run.rmse > run.tolerable or run.metrics.restored_ticks or _many_changes(run)
+    if not frequency or not amplitude or amplitude <= run.tolerable or not disturbed:
+        return None
+    line = f"{frequency:.3g}"
+    return "doubtful", (
+        f"A load of {line} Hz and {amplitude:.2g} um shakes the stage: a pump, a fan, the mains. Stop what makes it, "
+        f"or name it, so that it is taken away from the beginning: `hum = [{line}]` (Hz) of the controller."
+    )
+
+
 def _oscillated(run: _Run) -> Finding | None:
     """Whether the kernel detected an oscillation that the law excites."""
     count = run.metrics.oscillating_ticks
@@ -491,7 +507,7 @@ def _assumed(run: _Run) -> Finding | None:
 def _restored(run: _Run) -> Finding | None:
     """Whether the controller gave up what it had learned."""
     count = run.metrics.restored_ticks
-    if not count or run.found(_elsewhere):
+    if not count or run.found(_elsewhere) or run.found(_shaken):
         return None
     return "doubtful", (
         f"Learning made the error larger: in {_percent(count / run.metrics.ticks)} of the ticks the controller held "
@@ -522,10 +538,15 @@ def _resonance(recording: Recording) -> str:
 
 def _known_resonance(recording: Recording) -> float | None:
     """First resonance in the controller at the end, Hz; None without one."""
-    known, axis = (recording.metadata.get(name) for name in ("resonance", "axis"))
-    if isinstance(known, Mapping):  # of a run in real time: of each axis
-        known = known.get(axis.get("name")) if isinstance(axis, Mapping) else None
-    return _positive(known)
+    return _positive(_of_axis(recording, "resonance"))
+
+
+def _of_axis(recording: Recording, name: str) -> Any:
+    """What the metadata say at the end; of a run in real time they have it of each axis."""
+    known, axis = (recording.metadata.get(entry) for entry in (name, "axis"))
+    if isinstance(axis, Mapping) and isinstance(known, Mapping):
+        return known.get(axis.get("name"))
+    return known
 
 
 def _many_changes(run: _Run) -> bool:
@@ -534,7 +555,7 @@ def _many_changes(run: _Run) -> bool:
 
 def _alarmed(run: _Run) -> Finding | None:
     count = run.metrics.changed_ticks or 0
-    if not _many_changes(run) or run.found(_elsewhere):
+    if not _many_changes(run) or run.found(_elsewhere) or run.found(_shaken):
         return None
     return "doubtful", (
         f"The controller detected {count} sudden changes of the actuator in {run.metrics.duration_s:.4g} s: the stage "
@@ -682,6 +703,7 @@ CHECKS: Sequence[Check] = (
     _gain,
     _unmeasured,
     _rejected,
+    _shaken,
     _oscillated,
     _another_stage,
     _assumed,

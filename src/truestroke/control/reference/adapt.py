@@ -12,7 +12,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefu
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
-from truestroke.control.reference.hum import follow_hum, hum_of, tick_of_hum
+from truestroke.control.reference.hum import follow_hum, hum_of, listen, tick_of_hum
 from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
 from truestroke.control.reference.ringing import forget_hum, watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
@@ -63,6 +63,7 @@ def measure(c: State, z: float) -> bool:
     elif path is None:
         watch_stage(c, error, motion.zdot_d, limited if c.kept.guard.was_good else at_limit)
     forget_hum(c)
+    listen(c, error, motion.zdot_d)
     watch_resonance(c, alone, error, motion.zdot_d, path)
     watch_learning(c, error, motion.z_d, used and (not at_limit or beyond))
     if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:

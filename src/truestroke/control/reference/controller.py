@@ -32,7 +32,7 @@ from truestroke.control.reference.command import (
     within_limits,
 )
 from truestroke.control.reference.found import forget_stage
-from truestroke.control.reference.hum import subtracted
+from truestroke.control.reference.hum import Hum, subtracted
 from truestroke.control.reference.learned import keep_start
 from truestroke.control.reference.state import HISTORY, Command, Memory, State, kalman_settings, law_of
 from truestroke.control.reference.terms import of_known_terms, remember_creep, remember_voltage
@@ -167,6 +167,8 @@ class ReferenceController(Displayed):
         c.kept.guard.settings = c.kept.recall.settings = c.guarding
         if any(before[name] != c.members[name] for name in ("kalman.filter", "smoothing", "resonance")):
             forget_stage(c)
+        if before["hum.lines"] != c.members["hum.lines"]:  # each begins anew
+            c.hum.sine, c.hum.over, c.hum.heard = Hum().sine, Hum().over, Hum().heard
         if c.filtering is not None:
             c.filtering.take(kalman_settings(settings))
         elif isinstance(c.law, RLS):

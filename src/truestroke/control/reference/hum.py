@@ -17,16 +17,24 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from truestroke.control.angles import tangent
+from truestroke.control.tone import ToneDetector
+
 if TYPE_CHECKING:
     from truestroke.control.reference.state import State
 
-LINES = 6  # at most: TS_LINES of the kernel
+LINES = 7  # at most, one of which was heard: TS_LINES of the kernel
 FOLLOWED = 20  # 1/s: how fast their amplitudes follow
 LARGEST_HUM = 0.02  # of the stroke: of one line
 LOUD_LINE = 0.002  # of the stroke: twice a line that may have been taken for the stage
 NEAR_RESONANCE = 0.5  # of it: from there on a line is not subtracted
 AS_LOUD = 2  # times a line: a half-wave of an oscillation beside it
 OF_LINE = 0.2  # of the frequency of a line: what is shown so near to it is the line
+SAME_LINE = 0.02  # of the frequency of a line: a load that is so near to it is that line
+LOWEST_LOAD = 10  # Hz: where the search for a load ends,
+NEXT_LOAD = 0.6  # and how it goes down
+STEADY_LOAD = 0.8  # as `STEADY_TONE`, where no stage rings, but the law still learns
+BLOCKS_HEARD = 10  # of a centre
 BEGINS = 5  # times 1 / FOLLOWED: until then the amplitudes are not known
 LONG_OVER = 0.2  # s at that bound, after which the command drives a line, and leaves it alone
 
@@ -37,8 +45,17 @@ class Hum:
 
     turn: list[list[float]] = field(default_factory=lambda: [[1.0, 0.0] for _ in range(LINES)])
     sine: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um: amplitudes
+    heard: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the line of a load that nobody has named; 0: none was heard
     over: list[float] = field(default_factory=lambda: [0.0] * LINES)  # s: at that bound, without a break
+    centre: float = 0.0  # cycles per tick: about which a load is looked for; 0: it has not begun
+    tone: ToneDetector | None = None  # begun, of that centre
     subtracted: float = 0.0  # um: of the last command
+
+
+def lines_of(c: State) -> list[tuple[float, float, float]]:
+    """Those that are named, and one that was heard: of each cosine and sine of its angle in a tick, and 1/s."""
+    named: list[tuple[float, float, float]] = c.members["hum.line"]
+    return [*named, c.hum.heard] if c.hum.heard[2] > 0 else named
 
 
 def rotated(turn: list[float], line: tuple[float, float, float]) -> list[float]:
@@ -50,14 +67,14 @@ def rotated(turn: list[float], line: tuple[float, float, float]) -> list[float]:
 
 def tick_of_hum(c: State) -> None:
     """The next tick that is measured, or passed over."""
-    for i, line in enumerate(c.members["hum.line"]):
+    for i, line in enumerate(lines_of(c)):
         c.hum.turn[i] = rotated(c.hum.turn[i], line)
 
 
 def hum_of(c: State) -> float:
     """In the measurement of this tick, um."""
     total = 0.0
-    for a, turn, _ in zip(c.hum.sine, c.hum.turn, c.members["hum.line"], strict=False):
+    for a, turn, _ in zip(c.hum.sine, c.hum.turn, lines_of(c), strict=False):
         total += a[0] * turn[0] + a[1] * turn[1]
     return total
 
@@ -66,7 +83,7 @@ def follow_hum(c: State, innovation: float) -> None:
     """What the model did not expect of this tick, um, is hum as far as it has its frequency."""
     tick, most = c.oscillation.tick, LARGEST_HUM * c.settings.stroke
     step = min(FOLLOWED * tick, 1) * innovation
-    for i, _ in enumerate(c.members["hum.line"]):
+    for i, _ in enumerate(lines_of(c)):
         a, turn = c.hum.sine[i], c.hum.turn[i]
         a = [min(max(a[0] + step * turn[0], -most), most), min(max(a[1] + step * turn[1], -most), most)]
         c.hum.sine[i] = a
@@ -82,25 +99,29 @@ def begins(c: State, ago: int = 0) -> bool:
 def power_of_hum(c: State) -> float:
     """Mean square of the lines, um^2: beside a smaller error nothing is shown of a resonance."""
     total = 0.0
-    for a, _ in zip(c.hum.sine, c.members["hum.line"], strict=False):
+    for a, _ in zip(c.hum.sine, lines_of(c), strict=False):
         total += (a[0] * a[0] + a[1] * a[1]) / 2
     return total
 
 
 def is_hum(c: State, frequency: float, amplitude: float) -> bool:
     """Whether an oscillation of this frequency, cycles per tick, and amplitude, um, is a line."""
-    for a, line in zip(c.hum.sine, c.members["hum.line"], strict=False):
+    for a, line in zip(c.hum.sine, lines_of(c), strict=False):
         turns = line[2] * c.oscillation.tick / (2 * math.pi)
         if abs(frequency / turns - 1) < OF_LINE and amplitude < AS_LOUD * math.sqrt(a[0] * a[0] + a[1] * a[1]):
             return True
     return False
 
 
+def first_resonance(c: State) -> float:
+    """Of the stage, cycles per tick; 0: it is not known."""
+    return float(c.members["dynamics.first"] if c.is_given else c.stage.resonance)
+
+
 def is_near_resonance(c: State, line: tuple[float, float, float]) -> bool:
     """Near the resonance, or above it, the model does not know enough of what the stage makes of a command."""
-    turns = line[2] * c.oscillation.tick / (2 * math.pi)
-    resonance = c.members["dynamics.first"] if c.is_given else c.stage.resonance
-    return bool(resonance > 0 and turns > NEAR_RESONANCE * resonance)
+    turns, resonance = line[2] * c.oscillation.tick / (2 * math.pi), first_resonance(c)
+    return resonance > 0 and turns > NEAR_RESONANCE * resonance
 
 
 def subtracted(c: State) -> tuple[float, float]:
@@ -109,10 +130,13 @@ def subtracted(c: State) -> tuple[float, float]:
     A feedback that has resonators takes it away itself.
     """
     total = ahead = 0.0
-    if (c.is_given and c.members["feedback.filter"]) or begins(c):
+    if begins(c):
         return total, ahead
     first, second = c.path.lead if c.path is not None else (0.0, c.stage.inertia * c.oscillation.tick)
-    for i, line in enumerate(c.members["hum.line"]):
+    taken = len(c.members["hum.line"]) if c.is_given and c.members["feedback.filter"] else 0  # by the feedback
+    for i, line in enumerate(lines_of(c)):
+        if i < taken:
+            continue
         if not c.hum.over[i] < LONG_OVER or is_near_resonance(c, line):
             continue
         turn, a, w = c.hum.turn[i], c.hum.sine[i], line[2]
@@ -122,3 +146,40 @@ def subtracted(c: State) -> tuple[float, float]:
         total += now
         ahead += first * (w * quarter) - second * (w * w * now)
     return total, ahead
+
+
+def hear(c: State, frequency: float, amplitude: float) -> None:
+    """A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet.
+
+    It takes the place of one that was heard before, if that is not as loud.
+    """
+    g, hum = tangent(math.pi * frequency), c.hum
+    whole = 1 + g * g
+    w = 2 * math.pi * frequency / c.oscillation.tick
+    line, place = ((1 - g * g) / whole, 2 * g / whole, w), len(c.members["hum.line"])
+    a = hum.sine[place]
+    before = math.sqrt(a[0] * a[0] + a[1] * a[1]) if hum.heard[2] > 0 else 0.0
+    loud = AS_LOUD * before <= amplitude <= LARGEST_HUM * c.settings.stroke
+    if not loud or is_near_resonance(c, line) or any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c)):
+        return
+    hum.heard, hum.sine[place], hum.over[place] = line, [0.0, 0.0], 0.0
+
+
+def listen(c: State, error: float, zdot_d: float) -> None:
+    """One tick of the search for a load, where the settings know the stage.
+
+    From half of its resonance downwards, each centre for 20 periods. error: measured less desired, um.
+    """
+    hum, tick = c.hum, c.oscillation.tick
+    given = c.members["dynamics.known"] or c.members["resonance"] > 0
+    if c.filtering is None or not tick > 0 or not given or c.settings.trim_rate > 0:
+        return
+    tone = hum.tone
+    if tone is not None and tone.blocks >= BLOCKS_HEARD:
+        if (load := tone.shown(STEADY_LOAD)) > 0:
+            hear(c, load, tone.amplitude)
+        hum.centre, tone = hum.centre * NEXT_LOAD, None
+    if hum.centre < LOWEST_LOAD * tick:
+        hum.centre = NEAR_RESONANCE * first_resonance(c)
+    hum.tone = tone = tone or ToneDetector(hum.centre)
+    tone.update(error, zdot_d)

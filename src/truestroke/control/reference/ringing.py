@@ -14,7 +14,7 @@ from truestroke.control.reference.found import (
     shows_gain,
     take_first,
 )
-from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum
+from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, lines_of
 from truestroke.control.reference.state import State
 from truestroke.control.tone import OF_LOAD
 
@@ -137,10 +137,10 @@ def is_load(c: State, frequency: float) -> bool:
 def forget_hum(c: State) -> None:
     """When the amplitudes are known: what was taken for the stage before is forgotten where it is the loudest line."""
     given = c.members["resonance"] > 0 or c.members["dynamics.known"]
-    if not c.members["hum.line"] or given or not c.stage.resonance > 0 or begins(c) or not begins(c, 1):
+    if not lines_of(c) or given or not c.stage.resonance > 0 or begins(c) or not begins(c, 1):
         return
     most = LOUD_LINE * c.settings.stroke
-    for a, _ in zip(c.hum.sine, c.members["hum.line"], strict=False):
+    for a, _ in zip(c.hum.sine, lines_of(c), strict=False):
         most = max(most, math.sqrt(a[0] * a[0] + a[1] * a[1]))
     if is_hum(c, c.stage.resonance, most):
         forget_stage(c)

@@ -228,7 +228,8 @@ class Live:
         seen = {axis.axis.name: _plain(found) for axis, found in zip(self._axes, self._found, strict=True)}
         known = {axis.axis.name: run_metadata.resonance(axis.axis.controller) for axis in self._axes}
         repeated = {axis.axis.name: axis.repetition for axis in self._axes}
-        about = {"axis_check": seen, "resonance": known, "repetition": repeated}
+        loads = {axis.axis.name: run_metadata.load(axis.axis.controller) for axis in self._axes}
+        about = {"axis_check": seen, "resonance": known, "load": loads, "repetition": repeated}
         return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, **about}
 
     def outcome(self, cause: Cause, reason: str, files: tuple[Path, ...]) -> Outcome:
