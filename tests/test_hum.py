@@ -154,6 +154,19 @@ def test_lines_that_are_added_while_a_load_is_heard_have_the_bits_of_the_numpy_t
         text.adapt(z)
 
 
+def test_without_measurements_a_line_is_no_longer_subtracted() -> None:
+    """For 2 s, as beside a motion that repeats: 71.3 Hz in place of 71 Hz would be half a period off by then."""
+    plant, stopped = StagePlant(stage(600.0, 0.3), seed=1), []
+    controller = AdaptiveController(resonance=600.0, hum=(71.3,), **AXIS)
+    plant.open()
+    for k in range(40_000):
+        measured = float(plant.exchange(np.array([controller.command(10.0, 0.0)]))[0])
+        controller.adapt(measured if k < 20_000 else math.nan)
+        stopped.append(measured - 10.0)
+    assert np.std(stopped[15_000:20_000]) < 0.3 * 0.3 / math.sqrt(2)
+    assert np.std(stopped[-5000:]) < 1.1 * 0.3 / math.sqrt(2)
+
+
 def test_hum_that_is_added_and_removed_on_the_way_makes_no_step() -> None:
     plant = StagePlant(stage(600.0, 0.3), seed=1)
     controller, volts = AdaptiveController(**AXIS), []

@@ -20,9 +20,9 @@ void *EXPORT(heap)(void) { return &__heap_base; }
 typedef enum { REAL, INTEGER, BYTE, TRUTH, TICK } kind;
 
 /* The type of a member or of its entries, and how many entries are in a row of a table. */
-#define KIND(x) _Generic((x), double: REAL, double *: REAL, double (*)[4]: REAL, double (*)[5]: REAL, int: INTEGER, int *: INTEGER, \
+#define KIND(x) _Generic((x), double: REAL, double *: REAL, double (*)[3]: REAL, double (*)[4]: REAL, double (*)[5]: REAL, int: INTEGER, int *: INTEGER, \
                          unsigned char *: BYTE, ts_law: INTEGER, _Bool: TRUTH, _Bool *: TRUTH, uint64_t: TICK)
-#define COLUMNS(x) _Generic((x), double (*)[4]: 4, double (*)[5]: 5, default: 1)
+#define COLUMNS(x) _Generic((x), double (*)[3]: 3, double (*)[4]: 4, double (*)[5]: 5, default: 1)
 #define WIDTH(k) ((k) == TRUTH ? sizeof(_Bool) : (k) == BYTE ? 1 : (k) == INTEGER ? sizeof(int) : 8)
 
 typedef struct {

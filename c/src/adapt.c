@@ -323,7 +323,7 @@ void ts_pass_over(ts_controller *c)
 {
     const ts_settings *s = c->settings;
     c->resonance.ticks = 0; /* its window begins anew */
-    ts_hum_tick(c);
+    ts_hum_miss(c);
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
     if (dynamics_of(c)->known) {
         learn_staged(c, ts_expected(c), 0, false, learn);

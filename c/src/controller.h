@@ -99,6 +99,7 @@ TS_API void ts_keep_command(ts_controller *c);
 TS_API void ts_hum_begin(ts_hum_state *h);
 TS_API void ts_hum_anew(ts_hum_state *h);
 TS_API void ts_hum_tick(ts_controller *c);
+TS_API void ts_hum_miss(ts_controller *c);
 TS_API ts_real ts_hum_of(const ts_controller *c);
 TS_API void ts_hum_follow(ts_controller *c, ts_real innovation);
 TS_API ts_real ts_power_of_hum(const ts_controller *c);

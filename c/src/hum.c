@@ -2,6 +2,7 @@
 #include "controller.h"
 
 #define HUM_FOLLOWED 20               /* 1/s: how fast their amplitudes follow */
+#define HUM_FORGOTTEN 4               /* 1/s: how fast they decay without measurements */
 #define LARGEST_HUM ((ts_real)0.02)   /* of the stroke: of one line */
 #define LOUD_LINE ((ts_real)0.002)    /* of the stroke: twice a line that may have been taken for the stage */
 #define NEAR_RESONANCE ((ts_real)0.5)  /* of it: from there on a line is not subtracted */
@@ -52,6 +53,17 @@ void ts_hum_anew(ts_hum_state *h)
 void ts_hum_tick(ts_controller *c)
 {
     for (int i = 0; i < lines_of(c); i++) rotate(c->hum.turn[i], line_of(c, i));
+}
+
+/* A tick without a measurement: a frequency that is a little off takes the phase away, so that the amplitudes decay. */
+void ts_hum_miss(ts_controller *c)
+{
+    ts_real rate = HUM_FORGOTTEN * c->settings->oscillation.tick, kept = rate < 1 ? 1 - rate : 0;
+    ts_hum_tick(c);
+    for (int i = 0; i < lines_of(c); i++) {
+        c->hum.sine[i][0] *= kept;
+        c->hum.sine[i][1] *= kept;
+    }
 }
 
 /* In the measurement of this tick, um. */

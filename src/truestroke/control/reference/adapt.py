@@ -12,7 +12,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefu
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
-from truestroke.control.reference.hum import follow_hum, hum_of, listen, tick_of_hum
+from truestroke.control.reference.hum import follow_hum, hum_of, listen, miss_hum, tick_of_hum
 from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
 from truestroke.control.reference.ringing import forget_hum, watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
@@ -88,7 +88,7 @@ def next_lagged(c: State) -> FloatArray:
 def pass_over(c: State) -> None:
     """A tick for which no measurement came."""
     c.estimator.ticks = 0  # its window begins anew
-    tick_of_hum(c)
+    miss_hum(c)
     law, learn = c.filtering, not c.waiting[c.lagged.ticks].limited
     if c.path is not None:
         learn_staged(c, c.path, c.path.expected(), 0.0, measured=False, learn=learn)

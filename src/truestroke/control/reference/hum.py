@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 LINES = 7  # at most, one of which was heard: TS_LINES of the kernel
 FOLLOWED = 20  # 1/s: how fast their amplitudes follow
+FORGOTTEN = 4  # 1/s: how fast they decay without measurements
 LARGEST_HUM = 0.02  # of the stroke: of one line
 LOUD_LINE = 0.002  # of the stroke: twice a line that may have been taken for the stage
 NEAR_RESONANCE = 0.5  # of it: from there on a line is not subtracted
@@ -69,6 +70,15 @@ def tick_of_hum(c: State) -> None:
     """The next tick that is measured, or passed over."""
     for i, line in enumerate(lines_of(c)):
         c.hum.turn[i] = rotated(c.hum.turn[i], line)
+
+
+def miss_hum(c: State) -> None:
+    """A tick without a measurement: a frequency that is a little off takes the phase away, so the amplitudes decay."""
+    rate = FORGOTTEN * c.oscillation.tick
+    kept = 1 - rate if rate < 1 else 0.0
+    tick_of_hum(c)
+    for i, _ in enumerate(lines_of(c)):
+        c.hum.sine[i] = [kept * a for a in c.hum.sine[i]]
 
 
 def hum_of(c: State) -> float:
