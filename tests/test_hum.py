@@ -9,6 +9,7 @@ from truestroke import AdaptiveController, ControllerSettings, SettingError, jud
 from truestroke.base.typing import FloatArray
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.signals.trajectories import Trajectory
 
 AXIS = {"sample_rate": 10_000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 LINE = 71.0
@@ -31,6 +32,24 @@ def followed(plant: StageSettings, *, motion: float = 3.0, **known: object) -> t
     controller = AdaptiveController(**AXIS | {"sample_rate": rate, "stroke": stroke}, **known)
     recording = run(wave, controller, StagePlant(plant, seed=1))
     return (recording["true"] - recording["desired"])[wave.position.size // 2 :], controller
+
+
+def with_the_same_bits(
+    settings: ControllerSettings, f0: float, wave: Trajectory, *, ticks: int, missing: int
+) -> AdaptiveController:
+    """Each tick as that of the NumPy text, on a stage that is shaken; one measurement in `missing` is lost."""
+    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant = StagePlant(stage(f0, 0.3), seed=1)
+    plant.open()
+    for k, z_d in enumerate(wave.position[:ticks].tolist()):
+        motion = z_d, float(wave.velocity[k]), float(wave.acceleration[k])
+        volts = controller.command(*motion)
+        assert text.command(*motion) == volts, k
+        z = float(plant.exchange(np.array([volts]))[0])
+        if k % missing != 5:
+            controller.adapt(z)
+            text.adapt(z)
+    return controller
 
 
 @pytest.mark.parametrize("f0", [250.0, 600.0, 1200.0])
@@ -122,18 +141,8 @@ def test_a_sensor_that_repeats_a_number_is_still_noticed() -> None:
 def test_the_kernel_has_the_bits_of_the_numpy_text(f0: float, given: dict[str, object]) -> None:
     """Past the first 0.25 s, where the command begins to subtract it; measurements are missing."""
     settings = ControllerSettings(**AXIS, **given)
-    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant = StagePlant(stage(f0, 0.3), seed=1)
-    plant.open()
     wave = trajectories.sine(frequency=8.0, peak_to_peak=12.0, offset=10.0, duration=0.6, sample_rate=10_000.0)
-    for k, z_d in enumerate(wave.position[:4200].tolist()):
-        motion = z_d, float(wave.velocity[k]), float(wave.acceleration[k])
-        volts = controller.command(*motion)
-        assert text.command(*motion) == volts, k
-        z = float(plant.exchange(np.array([volts]))[0])
-        if k % 97 != 5:
-            controller.adapt(z)
-            text.adapt(z)
+    with_the_same_bits(settings, f0, wave, ticks=4200, missing=97)
 
 
 def test_lines_that_are_added_while_a_load_is_heard_have_the_bits_of_the_numpy_text() -> None:
@@ -207,21 +216,22 @@ def test_the_verdict_of_a_short_run_names_the_load_and_no_other_cause() -> None:
     assert "`hum = [71]`" in reason
 
 
+@pytest.mark.parametrize("by_name", [False, True])
+def test_the_verdict_of_one_axis_of_several_names_its_load(by_name: bool) -> None:
+    """`run` has it of the axis, a run in real time of each one by its name."""
+    plant = stage(600.0, 0.5)
+    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.5, sample_rate=10_000.0)
+    recording = run(wave, AdaptiveController(resonance=600.0, **AXIS), StagePlant(plant, seed=1))
+    load = recording.metadata["load"]
+    recording.metadata.update(axis={"name": "x"}, load={"x": load} if by_name else load)
+    assert judge(recording).reasons[0].startswith("A load of 71 Hz")
+
+
 @pytest.mark.parametrize("given", [{"resonance": 300.0}, {"dynamics": stage(300.0, 0.0).dynamics()}])
 def test_the_kernel_hears_with_the_bits_of_the_numpy_text(given: dict[str, object]) -> None:
     settings = ControllerSettings(**AXIS, **given)
-    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant = StagePlant(stage(300.0, 0.3), seed=1)
-    plant.open()
     wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=10_000.0)
-    for k, z_d in enumerate(wave.position[:9500].tolist()):
-        motion = z_d, float(wave.velocity[k]), float(wave.acceleration[k])
-        volts = controller.command(*motion)
-        assert text.command(*motion) == volts, k
-        z = float(plant.exchange(np.array([volts]))[0])
-        if k % 1397 != 5:
-            controller.adapt(z)
-            text.adapt(z)
+    controller = with_the_same_bits(settings, 300.0, wave, ticks=9500, missing=1397)
     assert controller.load[0] == pytest.approx(LINE, abs=1.0)
 
 

@@ -71,9 +71,7 @@ def summary(recording: Recording) -> TrackingSummary:
 
 def repetition(recording: Recording) -> tuple[float, list[float]]:
     """What was learned of motion that repeats: its period, s, and the rms of each batch, um; 0 and none if nothing."""
-    learned = recording.metadata.get("repetition") or {}
-    if "axis" in recording.metadata:  # of a run in real time: by the name of the axis
-        learned = learned.get(recording.metadata["axis"]["name"]) or {}
+    learned = _of_axis(recording, "repetition") or {}
     return learned.get("period_s", 0.0), learned.get("rmse_um", [])
 
 
@@ -542,11 +540,10 @@ def _known_resonance(recording: Recording) -> float | None:
 
 
 def _of_axis(recording: Recording, name: str) -> Any:
-    """What the metadata say at the end; of a run in real time they have it of each axis."""
+    """What the metadata say at the end: of the axis, or, of a run in real time, of each one by its name."""
     known, axis = (recording.metadata.get(entry) for entry in (name, "axis"))
-    if isinstance(axis, Mapping) and isinstance(known, Mapping):
-        return known.get(axis.get("name"))
-    return known
+    of = axis.get("name") if isinstance(axis, Mapping) else None
+    return known[of] if isinstance(known, Mapping) and of in known else known
 
 
 def _many_changes(run: _Run) -> bool:
