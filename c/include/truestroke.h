@@ -86,8 +86,12 @@ typedef enum {
 #ifndef TS_FEEDBACKS /* filters of the feedback; at least 1 */
 #define TS_FEEDBACKS 13
 #endif
-#ifndef TS_LINES /* of hum, and a load that was heard; at least 1 */
-#define TS_LINES 7
+#ifndef TS_EARS /* detectors that look for a load at the same time; at least 1, which is enough for a law that learns by RLS */
+#define TS_EARS 8
+#endif
+#define TS_HEARD 2 /* loads that nobody has named, at most */
+#ifndef TS_LINES /* of hum, and those; TS_HEARD at least */
+#define TS_LINES 8
 #endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 #ifndef TS_MAX_PRIOR /* entries of the prior covariance; fewer where rows of it begin with zeros */
@@ -534,20 +538,27 @@ TS_API ts_real ts_tone_amplitude(const ts_tone *t);
 /* ---- Hum: sines of known frequency from outside ---------------------------------------------------------------------- */
 
 /* Their amplitudes follow what the model does not expect, as those of an adaptive noise canceller (Widrow et al. 1975). The law learns
- * from the measurement without them: else it would take what the command does against them for a property of the actuator. */
+ * from regressor and measurement without what has their frequencies: else it would take what the command does against them for a
+ * property of the actuator. */
 typedef struct {
     ts_real line[TS_LINES][3];        /* of each: cosine and sine of its angle in a tick, and 1/s */
     int lines;
 } ts_hum;
 
 typedef struct {
+    ts_real centre;                   /* cycles per tick: about which a load is looked for; 0: it has not begun */
+    ts_tone tone;
+} ts_ear;
+
+typedef struct {
     ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
     ts_real sine[TS_LINES][2];        /* um: their amplitudes */
-    ts_real heard[3];                 /* the line of a load that nobody has named; 0: none was heard */
+    ts_real heard[TS_HEARD][3];       /* lines of loads that nobody has named; 0: none was heard */
     ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
-    ts_real centre;                   /* cycles per tick: about which a load is looked for; 0: it has not begun */
     ts_real subtracted;               /* um: of the last command */
-    ts_tone tone;                     /* about that centre */
+    ts_ear ear[TS_EARS];
+    ts_real regressor[TS_LINES][2][TS_PADDED(TS_MAX_PARAMETERS)]; /* V or um: what has the frequency of each line in the regressor of the law */
+    ts_real measurement[TS_LINES][2]; /* um: in what belongs to it */
 } ts_hum_state;
 
 /* ---- The first resonance from what is measured anyway ---------------------------------------------------------------- */

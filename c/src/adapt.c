@@ -156,7 +156,8 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
-    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], alone[TS_PADDED(TS_MAX_PARAMETERS)];
+    u = ts_without_hum(c, u, &y, alone);
     k->relates = dynamics_of(c)->known;
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
     k->calm = !dynamics_of(c)->known && c->guard.small > 0;
@@ -326,12 +327,12 @@ void ts_pass_over(ts_controller *c)
     ts_hum_miss(c);
     bool learn = !c->limited[c->lagged.ticks % TS_HISTORY];
     if (dynamics_of(c)->known) {
-        learn_staged(c, ts_expected(c), 0, false, learn);
+        learn_staged(c, ts_expected(c) + ts_hum_of(c), 0, false, learn);
     } else {
         ts_real space[TS_PADDED(TS_MAX_PARAMETERS)];
         next_lagged(c);
         const ts_real *u = sensed(c, space);
-        if (s->law == TS_LAW_KALMAN) adapt_kalman(c, u, model(c, u), 0, false, learn);
+        if (s->law == TS_LAW_KALMAN) adapt_kalman(c, u, model(c, u) + ts_hum_of(c), 0, false, learn);
     }
     if (s->law == TS_LAW_KALMAN) ts_oscillation_miss(&c->oscillation, &s->oscillation, NULL);
     feed_back(c, 0);
@@ -344,17 +345,17 @@ static bool learn_from(ts_controller *c, const ts_real *u, ts_real measured, ts_
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
     bool staged = dynamics_of(c)->known;
-    ts_real z = measured - hum, predicted = staged ? ts_expected(c) : model(c, u);
+    ts_real z = measured - hum, predicted = staged ? ts_expected(c) : model(c, u), expected = predicted + hum;
     c->innovation = staged ? z - predicted : through_dead_zones(s, z) + d->ahead - predicted; /* (15) */
     if (s->law == TS_LAW_RLS) return adapt_rls(c, u, !c->hold);
     ts_real noisy = staged ? ts_quiet(c, c->innovation) : c->innovation;
-    bool used = !frozen(c, measured, predicted + hum, stands), smooth = staged || c->ringing.rings;
+    bool used = !frozen(c, measured, expected, stands), smooth = staged || c->ringing.rings;
     bool spike = used && ts_kalman_is_spike(k, &s->kalman, c->innovation, noisy, smooth);
     ts_real innovation = used && !spike ? c->innovation : 0;
     bool learn = adapts(c, limited, back) && !(c->stage.rest > 0) && !is_restored(c);
     used = used && !spike;
-    if (staged) learn_staged(c, used ? z : predicted, innovation, used, learn);
-    else adapt_kalman(c, u, predicted + innovation, innovation, used, learn);
+    if (staged) learn_staged(c, used ? measured : expected, innovation, used, learn);
+    else adapt_kalman(c, u, expected + innovation, innovation, used, learn);
     if (used) ts_hum_follow(c, innovation);
     return used;
 }

@@ -133,7 +133,7 @@ static ts_status check_feedback(const ts_feedback *f)
 
 static ts_status check_hum(const ts_hum *h)
 {
-    bool good = h->lines >= 0 && h->lines < TS_LINES;
+    bool good = h->lines >= 0 && h->lines <= TS_LINES - TS_HEARD;
     for (int i = 0; good && i < h->lines; i++) good = fraction(size_of(h->line[i][0])) && fraction(size_of(h->line[i][1])) && positive(h->line[i][2]);
     return good ? TS_OK : TS_BAD_HUM;
 }

@@ -101,6 +101,7 @@ TS_API void ts_hum_anew(ts_hum_state *h);
 TS_API void ts_hum_tick(ts_controller *c);
 TS_API void ts_hum_miss(ts_controller *c);
 TS_API ts_real ts_hum_of(const ts_controller *c);
+TS_API const ts_real *ts_without_hum(ts_controller *c, const ts_real *u, ts_real *y, ts_real *space);
 TS_API void ts_hum_follow(ts_controller *c, ts_real innovation);
 TS_API ts_real ts_power_of_hum(const ts_controller *c);
 TS_API bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude);

@@ -1,4 +1,4 @@
-/* Hum: sines of known frequency that come from outside. The law learns from a measurement without them. */
+/* Hum: sines of known frequency that come from outside. The law learns without what has their frequencies. */
 #include "controller.h"
 
 #define HUM_FOLLOWED 20               /* 1/s: how fast their amplitudes follow */
@@ -9,22 +9,34 @@
 #define AS_LOUD 2                      /* times a line: a half-wave of an oscillation beside it */
 #define OF_LINE ((ts_real)0.2)        /* of the frequency of a line: what is shown so near to it is the line */
 #define SAME_LINE ((ts_real)0.02)     /* of the frequency of a line: a load that is so near to it is that line */
-#define LOWEST_LOAD 10                 /* Hz: where the search for a load ends, */
-#define NEXT_LOAD ((ts_real)0.6)      /* and how it goes down */
+#define HIGHEST_LOAD 100               /* Hz, */
+#define FASTEST_LOAD ((ts_real)0.1)   /* and cycles per tick: where the search for a load begins, if no resonance is known, */
+#define LOWEST_LOAD 10                 /* Hz: where it ends, */
+#define NEXT_LOAD ((ts_real)0.6)      /* and how it goes down, */
+#define NEXT_OF_EAR ((ts_real)0.01679616)  /* that of each detector eight times as fast */
 #define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, where no stage rings, but the law still learns */
 #define BLOCKS_HEARD 10               /* of a centre */
 #define BEGINS 5                      /* times 1 / HUM_FOLLOWED: until then the amplitudes are not known */
 #define LONG_OVER ((ts_real)0.2)      /* s at that bound, after which the command drives a line, and leaves it alone */
 
-/* Those that are named, and one that was heard. */
+/* Those that are named, and those that were heard. */
 static int lines_of(const ts_controller *c)
 {
-    return c->settings->hum.lines + (c->hum.heard[2] > 0 ? 1 : 0);
+    int heard = 0;
+    while (heard < TS_HEARD && c->hum.heard[heard][2] > 0) heard++;
+    return c->settings->hum.lines + heard;
 }
 
 static const ts_real *line_of(const ts_controller *c, int i)
 {
-    return i < c->settings->hum.lines ? c->settings->hum.line[i] : c->hum.heard;
+    return i < c->settings->hum.lines ? c->settings->hum.line[i] : c->hum.heard[i - c->settings->hum.lines];
+}
+
+/* Amplitude of a line, um. */
+static ts_real size_of_line(const ts_controller *c, int i)
+{
+    const ts_real *a = c->hum.sine[i];
+    return root_of(a[0] * a[0] + a[1] * a[1]);
 }
 
 /* One tick of a phasor; its length stays one. */
@@ -47,6 +59,8 @@ void ts_hum_anew(ts_hum_state *h)
     memset(h->sine, 0, sizeof h->sine);
     memset(h->over, 0, sizeof h->over);
     memset(h->heard, 0, sizeof h->heard);
+    memset(h->regressor, 0, sizeof h->regressor);
+    memset(h->measurement, 0, sizeof h->measurement);
 }
 
 /* The next tick that is measured, or passed over. */
@@ -89,6 +103,28 @@ void ts_hum_follow(ts_controller *c, ts_real innovation)
     }
 }
 
+/* The same canceller takes each line out of a regressor, in `space`, and out of what belongs to it: their linear relation stays, without
+ * what the command does against the line. */
+const ts_real *ts_without_hum(ts_controller *c, const ts_real *u, ts_real *y, ts_real *space)
+{
+    ts_real rate = 2 * HUM_FOLLOWED * c->settings->oscillation.tick;
+    if (rate > 1) rate = 1;
+    for (int l = 0; l < lines_of(c); l++, u = space) {
+        ts_real *of_y = c->hum.measurement[l], cosine = c->hum.turn[l][0], sine = c->hum.turn[l][1];
+        for (int i = 0; i < c->parameters; i += TS_LANES) {
+            ts_real *a = c->hum.regressor[l][0] + i, *b = c->hum.regressor[l][1] + i;
+            lanes alone = minus(minus(load(u + i), cosine, load(a)), sine, load(b));
+            store(a, plus(load(a), rate * cosine, alone));
+            store(b, plus(load(b), rate * sine, alone));
+            store(space + i, alone);
+        }
+        *y = *y - cosine * of_y[0] - sine * of_y[1];
+        of_y[0] += rate * cosine * *y;
+        of_y[1] += rate * sine * *y;
+    }
+    return u;
+}
+
 /* Whether the amplitudes are not known yet, so many ticks ago. */
 static bool begins(const ts_controller *c, uint64_t ago)
 {
@@ -112,9 +148,8 @@ bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude)
 {
     const ts_settings *s = c->settings;
     for (int i = 0; i < lines_of(c); i++) {
-        const ts_real *a = c->hum.sine[i];
         ts_real line = line_of(c, i)[2] * s->oscillation.tick / (2 * TS_PI);
-        if (size_of(frequency / line - 1) < OF_LINE && amplitude < AS_LOUD * root_of(a[0] * a[0] + a[1] * a[1])) return true;
+        if (size_of(frequency / line - 1) < OF_LINE && amplitude < AS_LOUD * size_of_line(c, i)) return true;
     }
     return false;
 }
@@ -127,8 +162,7 @@ void ts_forget_hum(ts_controller *c)
     if (lines_of(c) == 0 || given || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
     ts_real most = LOUD_LINE * s->stroke;
     for (int i = 0; i < lines_of(c); i++) {
-        const ts_real *a = c->hum.sine[i];
-        ts_real size = root_of(a[0] * a[0] + a[1] * a[1]);
+        ts_real size = size_of_line(c, i);
         if (size > most) most = size;
     }
     if (!ts_is_hum(c, c->stage.resonance, most)) return;
@@ -171,36 +205,61 @@ ts_real ts_hum_ahead(const ts_controller *c, ts_real *ahead)
     return sum;
 }
 
-/* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and the one that was heard before
- * is not as loud. */
-static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
+/* Which of the lines that were heard is the quietest. */
+static int quietest_line(const ts_controller *c)
 {
-    int heard = c->settings->hum.lines;
-    ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
-    const ts_real *a = c->hum.sine[heard], line[3] = {(1 - g * g) / all, 2 * g / all, w};
-    ts_real before = c->hum.heard[2] > 0 ? root_of(a[0] * a[0] + a[1] * a[1]) : 0;
-    if (is_near_resonance(c, line) || amplitude < AS_LOUD * before || amplitude > LARGEST_HUM * c->settings->stroke) return;
-    for (int i = 0; i < lines_of(c); i++)
-        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
-    memcpy(c->hum.heard, line, sizeof line);
-    c->hum.sine[heard][0] = c->hum.sine[heard][1] = c->hum.over[heard] = 0;
+    int place = c->settings->hum.lines;
+    for (int i = place + 1; i < lines_of(c); i++)
+        if (size_of_line(c, i) < size_of_line(c, place)) place = i;
+    return place;
 }
 
-/* One tick of the search for a load, where the settings know the stage: from half of its resonance downwards, each centre for 20 periods.
- * error: measured less desired, um. */
-void ts_listen(ts_controller *c, ts_real error, ts_real zdot_d)
+/* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and louder than the noise. Where as
+ * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. */
+static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
 {
-    const ts_settings *s = c->settings;
     ts_hum_state *h = &c->hum;
-    if ((!s->dynamics.known && !(s->resonance > 0)) || s->trim > 0) return;
-    bool anew = !(h->centre > 0);
-    if (!anew && h->tone.blocks >= BLOCKS_HEARD) {
-        ts_real shown = ts_tone_of_load(&h->tone, STEADY_LOAD);
-        if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&h->tone));
-        h->centre *= NEXT_LOAD;
+    int named = c->settings->hum.lines, place = lines_of(c);
+    ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
+    const ts_real line[3] = {(1 - g * g) / all, 2 * g / all, w};
+    bool audible = amplitude > c->law.kalman.sigma && amplitude <= LARGEST_HUM * c->settings->stroke;
+    if (!audible || is_near_resonance(c, line)) return;
+    for (int i = 0; i < lines_of(c); i++)
+        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
+    if (place == named + TS_HEARD) {
+        place = quietest_line(c);
+        if (amplitude < AS_LOUD * size_of_line(c, place)) return;
+    }
+    memcpy(h->heard[place - named], line, sizeof line);
+    h->sine[place][0] = h->sine[place][1] = h->over[place] = 0;
+    memset(h->regressor[place], 0, sizeof h->regressor[place]);
+    h->measurement[place][0] = h->measurement[place][1] = 0;
+}
+
+/* One tick of a detector, whose centres begin at `first`, cycles per tick, and end at `lowest`. */
+static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real lowest, ts_real error, ts_real zdot_d)
+{
+    bool anew = !(e->centre > 0);
+    if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
+        ts_real shown = ts_tone_of_load(&e->tone, STEADY_LOAD);
+        if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&e->tone));
+        e->centre *= NEXT_OF_EAR;
         anew = true;
     }
-    if (h->centre < LOWEST_LOAD * s->oscillation.tick) h->centre = NEAR_RESONANCE * first_resonance(c);
-    if (anew) ts_tone_begin(&h->tone, h->centre);
-    ts_tone_tick(&h->tone, error, zdot_d);
+    if (e->centre < lowest) e->centre = first;
+    if (anew) ts_tone_begin(&e->tone, e->centre);
+    ts_tone_tick(&e->tone, error, zdot_d);
+}
+
+/* One tick of the search for a load: each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards,
+ * or, where it is not known, from HIGHEST_LOAD. error: measured less desired, um. */
+void ts_listen(ts_controller *c, ts_real error, ts_real zdot_d)
+{
+    ts_real tick = c->settings->oscillation.tick, first = NEAR_RESONANCE * first_resonance(c), lowest = LOWEST_LOAD * tick;
+    if (c->settings->trim > 0) return;
+    if (!(first > 0)) first = within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
+    for (int i = 0; i < TS_EARS; i++) {
+        if (first >= lowest) listen_about(c, &c->hum.ear[i], first, lowest, error, zdot_d);
+        first *= NEXT_LOAD;
+    }
 }

@@ -190,9 +190,15 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
     visit("feedback_damping", &c.feedback.damping[0], 10);
-    visit("hum", &c.hum.turn[0][0], offsetof(ts_hum_state, tone) / sizeof(ts_real));
-    visit("hum_tone", &c.hum.tone.step[0], offsetof(ts_tone, block) / sizeof(ts_real));
-    visit("hum_tone_ticks", &c.hum.tone.block, 5);
+    visit("hum", &c.hum.turn[0][0], offsetof(ts_hum_state, ear) / sizeof(ts_real));
+    for (int i = 0; i < TS_EARS; i++) {
+        visit(("ear_" + std::to_string(i)).c_str(), &c.hum.ear[i].centre, 1 + offsetof(ts_tone, block) / sizeof(ts_real));
+        visit(("ear_ticks_" + std::to_string(i)).c_str(), &c.hum.ear[i].tone.block, 5);
+    }
+    for (int i = 0; i < 2 * (c.settings->hum.lines + TS_HEARD); i++) {
+        visit(("hum_regressor_" + std::to_string(i)).c_str(), &c.hum.regressor[i / 2][i % 2][0], m);
+        visit(("hum_measurement_" + std::to_string(i)).c_str(), &c.hum.measurement[i / 2][i % 2], 1);
+    }
     auto &g = c.stage;
     visit("resonance", &g.resonance, 1);
     visit("inertia", &g.inertia, 1);
@@ -358,8 +364,13 @@ void check_kalman(const ts_controller &c) {
         ts_real length = turn[0] * turn[0] + turn[1] * turn[1];
         require_all("hum", length > static_cast<ts_real>(0.99) && length < static_cast<ts_real>(1.01) && c.hum.over[i] >= 0, "phasors of length 1, and times of 0 or more");
     }
-    require_all("hum", c.hum.centre >= 0 && c.hum.centre < 1 && c.hum.heard[2] >= 0, "frequencies of 0 or more");
-    check_tone("hum_tone", "hum_tone_ticks", c.hum.tone, c.hum.centre > 0);
+    for (const auto &line : c.hum.heard) require_all("hum", line[2] >= 0, "frequencies of 0 or more");
+    for (int i = 0; i < TS_EARS; i++) {
+        const ts_ear &e = c.hum.ear[i];
+        std::string name = "ear_" + std::to_string(i), ticks = "ear_ticks_" + std::to_string(i);
+        require_all(name.c_str(), e.centre >= 0 && e.centre < 1, "a frequency of 0 or more");
+        check_tone(name.c_str(), ticks.c_str(), e.tone, e.centre > 0);
+    }
     ts_real lowest = lowest_resonance(c); // the law waits for a period of a stage that was found
     if (c.found.known && c.stage.resonance < lowest) lowest = c.stage.resonance;
     int longest_wait = lowest > 0 ? static_cast<int>(std::min(1 / lowest, static_cast<ts_real>(INT32_MAX / 2))) + 1 : 0;
@@ -589,11 +600,16 @@ class Kernel {
     // Of the first resonance that was told or found, and of the corner of the law's filter, cycles per tick; NaN for
     // the first where none is known, for both where the law is not the Kalman filter.
     double resonance() const { return c_.stage.resonance > 0 ? c_.stage.resonance : NAN; }
-    nb::tuple load() const { // cycles per tick, um; NaN where none was heard
-        const ts_real *a = c_.hum.sine[c_.settings->hum.lines];
-        bool heard = c_.hum.heard[2] > 0;
-        double turns = c_.hum.heard[2] * c_.settings->oscillation.tick / (2 * TS_PI);
-        return nb::make_tuple(heard ? turns : NAN, heard ? std::hypot(a[0], a[1]) : NAN);
+    nb::tuple load() const { // of the loudest, cycles per tick, um; NaN where none was heard
+        double turns = NAN, loudest = NAN;
+        for (int i = 0; i < TS_HEARD && c_.hum.heard[i][2] > 0; i++) {
+            const ts_real *a = c_.hum.sine[c_.settings->hum.lines + i];
+            double size = std::hypot(a[0], a[1]);
+            if (size <= loudest) continue;
+            loudest = size;
+            turns = c_.hum.heard[i][2] * c_.settings->oscillation.tick / (2 * TS_PI);
+        }
+        return nb::make_tuple(turns, loudest);
     }
     double filter() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.filter : NAN; }
     double noise() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }

@@ -549,7 +549,8 @@ here: make this controller with the settings of the other one, restore, then `ch
     def load(self) -> tuple[float, float]:
         """Frequency, Hz, and amplitude, um, of a load that nobody has named with `hum`, and that was heard; or NaN.
 
-        It is listened for where `dynamics` or `resonance` are known, below half of the first resonance.
+        The louder one, where there are two. It is listened for below half of the first resonance; below 125 Hz where
+        that is not known.
         """
         turns, amplitude = self._kernel.load()
         return turns * self.settings.sample_rate, amplitude

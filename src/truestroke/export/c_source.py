@@ -128,7 +128,7 @@ def export_c(
     >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = export_c(controller, folder, precision="single")
-    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 12_400
+    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 13_800
     (26, True)
     """
     if precision is not None:
@@ -210,7 +210,8 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
         "TS_MAX_SENSED": settings.parameters if members["sensor.share"] or members["sensor.lag"] else 1,
         "TS_SECTIONS": max(1, *(members[f"dynamics.{kind}"] for kind in ("sections", "others", "modes"))),
         "TS_FEEDBACKS": max(1, members["feedback.filters"]),
-        "TS_LINES": members["hum.lines"] + 1,
+        "TS_LINES": members["hum.lines"] + 2,
+        "TS_EARS": 8 if settings.law == "kalman" else 1,
         "TS_HISTORY": needed if history is None else history,
     }
 

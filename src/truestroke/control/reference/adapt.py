@@ -12,7 +12,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefu
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
-from truestroke.control.reference.hum import follow_hum, hum_of, listen, miss_hum, tick_of_hum
+from truestroke.control.reference.hum import follow_hum, hum_of, listen, miss_hum, tick_of_hum, without_hum
 from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
 from truestroke.control.reference.ringing import forget_hum, watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
@@ -91,11 +91,11 @@ def pass_over(c: State) -> None:
     miss_hum(c)
     law, learn = c.filtering, not c.waiting[c.lagged.ticks].limited
     if c.path is not None:
-        learn_staged(c, c.path, c.path.expected(), 0.0, measured=False, learn=learn)
+        learn_staged(c, c.path, c.path.expected() + hum_of(c), 0.0, measured=False, learn=learn)
     else:
         u = c.sensor.sensed(next_lagged(c))
         if law is not None:
-            update_law(c, law, u, float(dot(u, law.weights)), 0.0, measured=False, learn=learn)
+            update_law(c, law, u, float(dot(u, law.weights)) + hum_of(c), 0.0, measured=False, learn=learn)
     if law is not None:
         c.stage.detector.miss(None)
     feed_back(c, 0.0)
@@ -214,14 +214,15 @@ def learn_from(
         c.innovation = through_dead_zones(c, z) + motion.ahead - predicted  # (15)
     if law is None:
         return learn_otherwise(c, u)
-    used = not is_frozen(c, measured, predicted + hum, stands)
+    expected = predicted + hum
+    used = not is_frozen(c, measured, expected, stands)
     noisy = path.quiet(c.innovation) if path is not None else c.innovation if c.ringing.rings else None
     used = used and not law.is_spike(c.innovation, noisy)
     innovation = c.innovation if used else 0.0
     if path is not None:
-        learn_staged(c, path, z if used else predicted, innovation, measured=used, learn=learn)
+        learn_staged(c, path, measured if used else expected, innovation, measured=used, learn=learn)
     elif u is not None:
-        update_law(c, law, u, predicted + innovation, innovation, measured=used, learn=learn)
+        update_law(c, law, u, expected + innovation, innovation, measured=used, learn=learn)
     if used:
         follow_hum(c, innovation)
     return used
@@ -275,6 +276,7 @@ def update_law(
     c: State, law: FilteringLaw, u: FloatArray, y: float, innovation: float, *, measured: bool, learn: bool
 ) -> None:
     """One tick of the law: u . w should be y, um."""
+    u, y = without_hum(c, u, y)
     if c.measures_inertia:
         u, y = with_inertia(c, law, u, y, learn=learn)
     elif c.stage.growth is not None and c.stage.growth.late:

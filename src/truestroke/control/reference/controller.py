@@ -7,6 +7,7 @@ some hundred times slower: `AdaptiveController` is for the loop.
 import copy
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -168,7 +169,7 @@ class ReferenceController(Displayed):
         if any(before[name] != c.members[name] for name in ("kalman.filter", "smoothing", "resonance")):
             forget_stage(c)
         if before["hum.lines"] != c.members["hum.lines"]:  # each begins anew
-            c.hum.sine, c.hum.over, c.hum.heard = Hum().sine, Hum().over, Hum().heard
+            c.hum = replace(Hum(), turn=c.hum.turn, ears=c.hum.ears, subtracted=c.hum.subtracted)
         if c.filtering is not None:
             c.filtering.take(kalman_settings(settings))
         elif isinstance(c.law, RLS):

@@ -1,4 +1,4 @@
-"""Hum: sines of known frequency that come from outside. The law learns from a measurement without them.
+"""Hum: sines of known frequency that come from outside. The law learns without what has their frequencies.
 
 An adaptive noise canceller: of each line the amplitude a follows what the model does not expect, ::
 
@@ -6,7 +6,8 @@ An adaptive noise canceller: of each line the amplitude a follows what the model
 
 so that a change of hum is followed within 50 ms, and what is further than some hertz from the line stays. The law would
 take what the command does against a load for a property of the actuator: the plays of a stage that is shaken by 0.1 um
-at 71 Hz had a third of their slope. Where no feedback has resonators for the lines the command subtracts them.
+at 71 Hz had a third of their slope. So the same canceller takes the lines out of regressor and measurement before it
+learns. Where no feedback has resonators for the lines the command subtracts them.
 
 Source: Widrow et al., Adaptive noise cancelling: principles and applications, Proc. IEEE 63 (1975).
 """
@@ -17,13 +18,17 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from truestroke.base.typing import FloatArray
 from truestroke.control.angles import tangent
 from truestroke.control.tone import ToneDetector
 
 if TYPE_CHECKING:
     from truestroke.control.reference.state import State
 
-LINES = 7  # at most, one of which was heard: TS_LINES of the kernel
+HEARD = 2  # loads that nobody has named, at most: TS_HEARD of the kernel
+LINES = 6 + HEARD  # at most, with those that are named: TS_LINES
 FOLLOWED = 20  # 1/s: how fast their amplitudes follow
 FORGOTTEN = 4  # 1/s: how fast they decay without measurements
 LARGEST_HUM = 0.02  # of the stroke: of one line
@@ -32,12 +37,24 @@ NEAR_RESONANCE = 0.5  # of it: from there on a line is not subtracted
 AS_LOUD = 2  # times a line: a half-wave of an oscillation beside it
 OF_LINE = 0.2  # of the frequency of a line: what is shown so near to it is the line
 SAME_LINE = 0.02  # of the frequency of a line: a load that is so near to it is that line
-LOWEST_LOAD = 10  # Hz: where the search for a load ends,
-NEXT_LOAD = 0.6  # and how it goes down
+EARS = 8  # detectors that look for a load at the same time
+HIGHEST_LOAD = 100  # Hz,
+FASTEST_LOAD = 0.1  # and cycles per tick: where the search for a load begins, if no resonance is known,
+LOWEST_LOAD = 10  # Hz: where it ends,
+NEXT_LOAD = 0.6  # and how it goes down,
+NEXT_OF_EAR = 0.01679616  # that of each detector eight times as fast
 STEADY_LOAD = 0.8  # as `STEADY_TONE`, where no stage rings, but the law still learns
 BLOCKS_HEARD = 10  # of a centre
 BEGINS = 5  # times 1 / FOLLOWED: until then the amplitudes are not known
 LONG_OVER = 0.2  # s at that bound, after which the command drives a line, and leaves it alone
+
+
+@dataclass
+class Ear:
+    """A detector that looks for a load: ts_ear of the kernel."""
+
+    centre: float = 0.0  # cycles per tick: about which; 0: it has not begun
+    tone: ToneDetector | None = None  # begun, of that centre
 
 
 @dataclass
@@ -46,17 +63,24 @@ class Hum:
 
     turn: list[list[float]] = field(default_factory=lambda: [[1.0, 0.0] for _ in range(LINES)])
     sine: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um: amplitudes
-    heard: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the line of a load that nobody has named; 0: none was heard
+    heard: list[tuple[float, float, float]] = field(default_factory=list)  # lines of loads that nobody has named
     over: list[float] = field(default_factory=lambda: [0.0] * LINES)  # s: at that bound, without a break
-    centre: float = 0.0  # cycles per tick: about which a load is looked for; 0: it has not begun
-    tone: ToneDetector | None = None  # begun, of that centre
+    ears: list[Ear] = field(default_factory=lambda: [Ear() for _ in range(EARS)])
     subtracted: float = 0.0  # um: of the last command
+    regressor: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)  # of a line: V or um
+    measurement: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um
 
 
 def lines_of(c: State) -> list[tuple[float, float, float]]:
-    """Those that are named, and one that was heard: of each cosine and sine of its angle in a tick, and 1/s."""
+    """Those that are named, and those that were heard: of each cosine and sine of its angle in a tick, and 1/s."""
     named: list[tuple[float, float, float]] = c.members["hum.line"]
-    return [*named, c.hum.heard] if c.hum.heard[2] > 0 else named
+    return named + c.hum.heard
+
+
+def size_of_line(c: State, i: int) -> float:
+    """Amplitude, um."""
+    a = c.hum.sine[i]
+    return math.sqrt(a[0] * a[0] + a[1] * a[1])
 
 
 def rotated(turn: list[float], line: tuple[float, float, float]) -> list[float]:
@@ -101,6 +125,22 @@ def follow_hum(c: State, innovation: float) -> None:
             c.hum.over[i] = 0.0 if max(abs(a[0]), abs(a[1])) < most else c.hum.over[i] + tick
 
 
+def without_hum(c: State, u: FloatArray, y: float) -> tuple[FloatArray, float]:
+    """The same canceller takes each line out of a regressor and out of what belongs to it.
+
+    Their linear relation stays, without what the command does against the line.
+    """
+    rate = min(2 * FOLLOWED * c.oscillation.tick, 1)
+    for i, _ in enumerate(lines_of(c)):
+        (cosine, sine), of_y = c.hum.turn[i], c.hum.measurement[i]
+        a, b = c.hum.regressor.get(i) or (np.zeros(u.size), np.zeros(u.size))
+        u = u - cosine * a - sine * b
+        c.hum.regressor[i] = a + rate * cosine * u, b + rate * sine * u
+        y = y - cosine * of_y[0] - sine * of_y[1]
+        c.hum.measurement[i] = [of_y[0] + rate * cosine * y, of_y[1] + rate * sine * y]
+    return u, y
+
+
 def begins(c: State, ago: int = 0) -> bool:
     """Whether the amplitudes are not known yet, so many ticks ago."""
     return c.measured_ticks < ago or (c.measured_ticks - ago) * c.oscillation.tick * FOLLOWED < BEGINS
@@ -116,9 +156,9 @@ def power_of_hum(c: State) -> float:
 
 def is_hum(c: State, frequency: float, amplitude: float) -> bool:
     """Whether an oscillation of this frequency, cycles per tick, and amplitude, um, is a line."""
-    for a, line in zip(c.hum.sine, lines_of(c), strict=False):
+    for i, line in enumerate(lines_of(c)):
         turns = line[2] * c.oscillation.tick / (2 * math.pi)
-        if abs(frequency / turns - 1) < OF_LINE and amplitude < AS_LOUD * math.sqrt(a[0] * a[0] + a[1] * a[1]):
+        if abs(frequency / turns - 1) < OF_LINE and amplitude < AS_LOUD * size_of_line(c, i):
             return True
     return False
 
@@ -161,35 +201,48 @@ def subtracted(c: State) -> tuple[float, float]:
 def hear(c: State, frequency: float, amplitude: float) -> None:
     """A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet.
 
-    It takes the place of one that was heard before, if that is not as loud.
+    It is louder than the noise. Where as many as can be were heard before it takes the place of the quietest one, if it
+    is twice as loud.
     """
-    g, hum = tangent(math.pi * frequency), c.hum
+    g, hum, named = tangent(math.pi * frequency), c.hum, len(c.members["hum.line"])
     whole = 1 + g * g
     w = 2 * math.pi * frequency / c.oscillation.tick
-    line, place = ((1 - g * g) / whole, 2 * g / whole, w), len(c.members["hum.line"])
-    a = hum.sine[place]
-    before = math.sqrt(a[0] * a[0] + a[1] * a[1]) if hum.heard[2] > 0 else 0.0
-    loud = AS_LOUD * before <= amplitude <= LARGEST_HUM * c.settings.stroke
-    if not loud or is_near_resonance(c, line) or any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c)):
+    line, place = ((1 - g * g) / whole, 2 * g / whole, w), len(hum.heard)
+    same = any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c))
+    sigma = c.filtering.sigma if c.filtering is not None else 0.0
+    audible = sigma < amplitude <= LARGEST_HUM * c.settings.stroke
+    if not audible or is_near_resonance(c, line) or same:
         return
-    hum.heard, hum.sine[place], hum.over[place] = line, [0.0, 0.0], 0.0
+    if place == HEARD:
+        place = min(range(HEARD), key=lambda i: size_of_line(c, named + i))
+        if amplitude < AS_LOUD * size_of_line(c, named + place):
+            return
+    hum.heard[place : place + 1] = [line]
+    place += named
+    hum.sine[place], hum.over[place], hum.measurement[place] = [0.0, 0.0], 0.0, [0.0, 0.0]
+    hum.regressor.pop(place, None)
 
 
 def listen(c: State, error: float, zdot_d: float) -> None:
-    """One tick of the search for a load, where the settings know the stage.
+    """One tick of the search for a load; error: measured less desired, um.
 
-    From half of its resonance downwards, each centre for 20 periods. error: measured less desired, um.
+    Each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards, or, where it
+    is not known, from HIGHEST_LOAD.
     """
-    hum, tick = c.hum, c.oscillation.tick
-    given = c.members["dynamics.known"] or c.members["resonance"] > 0
-    if c.filtering is None or not tick > 0 or not given or c.settings.trim_rate > 0:
+    tick, first = c.oscillation.tick, NEAR_RESONANCE * first_resonance(c)
+    if c.filtering is None or not tick > 0 or c.settings.trim_rate > 0:
         return
-    tone = hum.tone
-    if tone is not None and tone.blocks >= BLOCKS_HEARD:
-        if (load := tone.shown(STEADY_LOAD)) > 0:
-            hear(c, load, tone.amplitude)
-        hum.centre, tone = hum.centre * NEXT_LOAD, None
-    if hum.centre < LOWEST_LOAD * tick:
-        hum.centre = NEAR_RESONANCE * first_resonance(c)
-    hum.tone = tone = tone or ToneDetector(hum.centre)
-    tone.update(error, zdot_d)
+    if not first > 0:
+        first = min(HIGHEST_LOAD * tick, FASTEST_LOAD)
+    for ear in c.hum.ears:
+        if not first >= LOWEST_LOAD * tick:
+            return
+        if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
+            if (load := ear.tone.shown(STEADY_LOAD)) > 0:
+                hear(c, load, ear.tone.amplitude)
+            ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
+        if ear.centre < LOWEST_LOAD * tick:
+            ear.centre = first
+        ear.tone = ear.tone or ToneDetector(ear.centre)
+        ear.tone.update(error, zdot_d)
+        first *= NEXT_LOAD

@@ -14,7 +14,7 @@ from truestroke.control.reference.found import (
     shows_gain,
     take_first,
 )
-from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, lines_of
+from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, lines_of, size_of_line
 from truestroke.control.reference.state import State
 from truestroke.control.tone import OF_LOAD
 
@@ -140,8 +140,7 @@ def forget_hum(c: State) -> None:
     if not lines_of(c) or given or not c.stage.resonance > 0 or begins(c) or not begins(c, 1):
         return
     most = LOUD_LINE * c.settings.stroke
-    for a, _ in zip(c.hum.sine, lines_of(c), strict=False):
-        most = max(most, math.sqrt(a[0] * a[0] + a[1] * a[1]))
+    most = max(most, *(size_of_line(c, i) for i, _ in enumerate(lines_of(c))))
     if is_hum(c, c.stage.resonance, most):
         forget_stage(c)
         keep_command(c)
