@@ -622,6 +622,39 @@ def test_several_runs_in_one_file_are_none(tmp_path: Path, between: str) -> None
         read_record(path, drop_bad_rows=True)
 
 
+def _clock(seconds: float, point: str) -> str:
+    """The time of day, 23:59:59.900, from s since midnight of the first day."""
+    s = round(1000 * seconds) % 86_400_000
+    return f"{s // 3_600_000:02}:{s // 60_000 % 60:02}:{s // 1000 % 60:02}{point}{s % 1000:03}"
+
+
+@pytest.mark.parametrize(
+    ("head", "stamp"),
+    [
+        ("time", lambda s: _clock(s, ".")),
+        ("time", lambda s: _clock(s, ":")),  # as LabVIEW and loggers write milliseconds
+        ("date,time", lambda s: f"{'2026-12-31' if s < 86400 else '2027-01-01'},{_clock(s, '.')}"),
+        ("time (s)", lambda s: f"{s % 86400:.3f}"),
+        ("time (ms)", lambda s: f"{1000 * (s % 86400):.0f}"),
+    ],
+)
+def test_a_record_goes_on_over_midnight(tmp_path: Path, head: str, stamp: Callable[[float], str]) -> None:
+    rows = [f"{stamp(86399.9 + t)},{v:.6f},{z:.6f}" for t, v, z in zip(T, V, Z, strict=True)]
+    (tmp_path / "r.csv").write_text("\n".join([f"{head},volts (V),z (um)", *rows]))
+    record = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(record.time - record.time[0], T, atol=1e-6)
+    assert record.sample_rate == pytest.approx(1000.0)
+
+
+def test_two_runs_of_a_day_each_are_no_record_over_midnight(tmp_path: Path) -> None:
+    """Nor is a run whose clock was set back by some hours, or that goes on after hours."""
+    for first, second in ((0.0, 0.0), (80_000.0, 0.0), (86_399.9, 7200.0)):
+        day = np.concatenate([first + np.linspace(0.0, 86_399.7 - first, T.size) * (first == 0.0) + T, second + T])
+        np.savetxt(tmp_path / "r.csv", np.column_stack([day, *np.tile([V, Z], 2)]), fmt="%.4f", header="time (s),V,z")
+        with pytest.raises(RecordError, match="the time starts again"):
+            read_record(tmp_path / "r.csv")
+
+
 @pytest.mark.parametrize("digits", [1, 2])
 def test_stamps_that_are_too_coarse_ask_for_the_sample_rate(tmp_path: Path, digits: int) -> None:
     """Of rows with one stamp `drop_bad_rows` would leave all but one out."""

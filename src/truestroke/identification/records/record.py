@@ -213,6 +213,8 @@ def read_record(
     signals, columns = _read(path, table, wanted, complete)
     signals["displacement"] *= -scale if flip_displacement else scale
     signals["volts"] *= of_volts
+    if "time" in signals:
+        signals["time"] = clock.over_midnight(signals["time"])
     if volts_scale is not None:
         columns["volts"] = dataclasses.replace(columns["volts"], of_file="")
     if displacement_scale is not None and columns["displacement"].of_file not in tables.UNITS["displacement"]:
