@@ -310,11 +310,31 @@ def test_what_an_instrument_has_not_measured_is_missing(tmp_path: Path, mark: st
     assert read_record(path, drop_bad_rows=True).dropped == 1
 
 
-def test_a_scale_takes_the_place_of_the_volts_of_a_heading_and_of_no_length(tmp_path: Path) -> None:
+def test_a_scale_takes_the_place_of_the_volts_of_a_heading_and_of_no_other_length(tmp_path: Path) -> None:
     path = text(tmp_path / "gauge.csv", T, V, Z / 3, head="t (s),V,gauge (V)\n")
     assert read_record(path, displacement=3, displacement_scale=3.0).contradictions == ()
     path = text(tmp_path / "nm.csv", T, V, Z / 3, head="t (s),V,z (nm)\n")
-    assert "in nm, as the file says" in read_record(path, displacement=3, displacement_scale=3.0).contradictions[0]
+    found = read_record(path, displacement=3, displacement_scale=3.0).contradictions[0]
+    assert "in nm, as the file says, but `displacement_scale` is 3; if the file is wrong, give" in found
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0, 0.00102])
+def test_a_scale_takes_the_place_of_a_wrong_length_or_calibrates_it(tmp_path: Path, scale: float) -> None:
+    """A heading of nm above um: the unit and the scale of the caller were both refused against the file."""
+    path = text(tmp_path / "nm.csv", T, V, Z / scale, head="t (s),V,z (nm)\n")
+    record = read_record(path, displacement_scale=scale)
+    assert record.contradictions == ()
+    np.testing.assert_allclose(record.displacement, Z, rtol=1e-6, atol=1e-9)
+    against = read_record(path, displacement_unit="um").contradictions[0]
+    assert against.endswith("if the file is wrong, give `displacement_scale` 1 in its place")
+
+
+def test_a_time_of_another_unit_is_corrected_in_the_file(tmp_path: Path) -> None:
+    """Neither `time_unit` nor `sample_rate` is taken against the unit of the file."""
+    path = text(tmp_path / "r.csv", T, V, Z, head="t (ms),V,z (um)\n")
+    against = read_record(path, time_unit="s").contradictions[0]
+    assert against.endswith("if the file is wrong, write s in the heading of the file")
+    assert examine(read_record(path)).mistakes[0].endswith("are they in s (write s in the heading of the file)?")
 
 
 def test_dates_in_arrays_are_in_seconds(tmp_path: Path) -> None:

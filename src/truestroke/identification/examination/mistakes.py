@@ -114,7 +114,9 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
     short = time is not None and time.stated and time.unit not in ("s", "min")
     if speed > SPEED or (short and any(rate >= hz and speed >= um_s for hz, um_s in FAST)):
         stamps = f"time stamps ({time.heading!r} in {time.unit}) make" if time else "given sample rate makes"
-        remedy = "are they in s (`time_unit`)?" if time else "is it right?"
+        remedy = "is it right?"
+        if time is not None:
+            remedy = f"are they in s ({'write ' * bool(time.of_file)}{time.says('time', 's')})?"
         yield (
             f"the {stamps} {found.strokes} strokes in {found.duration_s:.3g} s, at {1e-3 * speed:.3g} mm/s and "
             f"{1e-3 * rate:.4g} kHz: {remedy}"
