@@ -100,6 +100,19 @@ def test_a_stage_that_rings_behind_random_bits_is_not_shifted() -> None:
     assert examine(Record.from_arrays(20 + 60 * bits, 10 * z, sample_rate=5e3)).mistakes == ()
 
 
+@pytest.mark.parametrize("harmonic", [2.9, 3.0, 3.05])
+def test_a_stage_that_the_third_harmonic_of_triangles_shakes_is_no_wrong_column(harmonic: float) -> None:
+    """The ringing was looked for above three times the strokes, and half of it was refused as the wrong column."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    t = np.arange(2400) / 400.0
+    v = (1 - np.abs((14.0 * t) % 2.0 - 1.0)) * rng.uniform(0.2, 1.0, 50)[(7.0 * t).astype(int)]
+    z = 20 * foreign_records.resonance(v, 400.0, 7.0 * harmonic, 0.005) + 0.05 * rng.standard_normal(t.size)
+    found = examine(Record.from_arrays(20 * v, z, sample_rate=400.0))
+    assert abs(found.correlation) < 0.7
+    assert found.mistakes == ()
+    assert any("is the stage" in text or "resonance" in text for text in found.implausible)
+
+
 def test_a_stage_that_rings_at_every_turn_does_not_lead() -> None:
     """A slow wave and one small step ring at 180 Hz to the end of the record: turns show the ringing, no delay."""
     rng = np.random.Generator(np.random.PCG64(0))
