@@ -289,8 +289,7 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     x, z = record.volts, record.displacement
     quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
     quietest = quiet["displacement"], quiet["voltage"]
-    exact = found.clipped_displacement > 0  # rows which are not fitted
-    rows, moved = (0, 0.0) if exact else level(z, x, *quietest)
+    rows, moved = level(z, x, *quietest)
     ways = (
         ("displacement", "voltage", "um", "V", rows if rows >= CUT * x.size else 0, moved),
         (
