@@ -9,6 +9,7 @@ from truestroke import SettingError
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.explored import Explored, places, spread
 from truestroke.identification import identify, load_model, save_model, score
+from truestroke.identification.fitting.coverage import GROWTH, Errors
 from truestroke.model.branches import Branches
 
 FS = 20.0
@@ -35,6 +36,35 @@ def test_the_part_of_the_weights_is_that_of_sampled_weights():
     weights = known.weights + rng.standard_normal((300, 9)) @ root.T
     predicted = np.array([known.replace(weights=w).predict(x, FS) for w in weights])
     np.testing.assert_allclose(known.interval(x, FS), 1.96 * predicted.std(axis=0), rtol=0.2, atol=1e-3)
+
+
+def _errors(apart: float) -> Errors:
+    """Of later blocks with no more than the noise of 0.02 um, in which the motion is so far from what was fitted."""
+    error = np.full(400, 0.0199)
+    zero = np.zeros(error.size)
+    return Errors(error, zero, zero, zero, np.full(error.size, apart))
+
+
+def test_errors_without_distance_do_not_show_how_they_grow_with_it():
+    """Of later blocks as near as those of a sine: the growth was e times smaller, as where they are far."""
+    known = model(noise=0.02)
+    growth = [_errors(apart).growth(known) / (GROWTH * 30.0) for apart in (0.0, 1e-4, 1e-3, 0.1)]
+    assert growth == sorted(growth, reverse=True)
+    assert growth[2] > 0.9  # 0.005 um of 0.02
+    assert growth[3] == pytest.approx(0.02 / 0.1 / (GROWTH * 30.0), rel=0.01)  # all of the error
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_an_interval_knows_that_one_sine_shows_no_inner_loops(seed):
+    """Plays between tanh envelopes, one sine, then sines of random height in its range: it held 80 to 89 %."""
+    fs = 200.0
+    t, rng = foreign.clock(20.0, fs), np.random.Generator(np.random.PCG64(seed))
+    v = np.append(foreign.sine(t, 1.0), foreign.sine(t, 1.0) * rng.uniform(0.2, 1.0, 21)[t.astype(int)])
+    z = 20 * foreign.generalised_plays(v) + rng.normal(0, 0.05, v.size)
+    found = identify((100 * v[: t.size], z[: t.size], fs))
+    off, width = np.abs(z - found.model.predict(100 * v, fs)), found.model.interval(100 * v, fs)
+    assert np.mean(off[t.size :] < width[t.size :]) > 0.9
+    assert np.mean(off[: t.size] < width[: t.size]) < 0.98  # and of its own loop as many as before
 
 
 def test_an_interval_grows_at_rest():
@@ -240,7 +270,7 @@ def test_an_interval_grows_with_a_speed_that_the_record_does_not_show():
 
 
 def test_an_interval_holds_motion_that_is_faster_than_its_record():
-    """Bouc and Wen behind a lag of 1.5 ms, recorded at 2 Hz: of sines of 40 Hz the interval held 57 %."""
+    """Bouc and Wen behind a lag of 1.5 ms, recorded at 2 Hz: without the term of the speed it holds 84 % of 40 Hz."""
     fs = 1000.0
     t, rng = foreign.clock(16.0, fs), np.random.Generator(np.random.PCG64(4))
     v = np.append(foreign.wave(t, rng, 2.0), 0.5 + 0.3 * np.sin(2 * np.pi * 40.0 * t[:2000]))
@@ -249,7 +279,8 @@ def test_an_interval_holds_motion_that_is_faster_than_its_record():
     off, width = np.abs(z - found.model.predict(100 * v, fs)), found.model.interval(100 * v, fs)
     assert np.mean(off[t.size :] < width[t.size :]) > 0.9
     without = found.model.replace(usual_velocity=1e6).interval(100 * v, fs)
-    assert np.mean(off[t.size :] < without[t.size :]) < 0.7
+    assert np.mean(off[t.size :] < without[t.size :]) < 0.9
+    assert np.median(width[t.size :]) > 1.2 * np.median(without[t.size :])
     own = slice(0, t.size)  # at its own speed the interval is what it was
     assert np.mean(off[own] < width[own]) == pytest.approx(np.mean(off[own] < without[own]), abs=0.01)
 

@@ -100,6 +100,43 @@ def test_a_stage_that_rings_behind_random_bits_is_not_shifted() -> None:
     assert examine(Record.from_arrays(20 + 60 * bits, 10 * z, sample_rate=5e3)).mistakes == ()
 
 
+@pytest.mark.parametrize("end", [0.6, 0.8])
+def test_a_displacement_that_is_cut_off_exactly_is_asked_about_as_one_with_noise(end: float) -> None:
+    """Its rows are not fitted, but a model of the others was `good`, and missed these by five times what it stated."""
+    rng = np.random.Generator(np.random.PCG64(2))
+    v = foreign_records.wave(np.arange(6000) / 500.0, rng, 3.0)
+    z = 30 * foreign_records.bouc_wen(v) + 0.1 * rng.standard_normal(v.size)
+    cut = np.minimum(z, end * z.max())
+    found = examine(Record.from_arrays(100 * v, cut, sample_rate=500.0))
+    assert any("the displacement stays at an end of its range" in text for text in found.implausible)
+    assert found.clipped_displacement > 0.95 * np.count_nonzero(cut == cut.max())
+    assert examine(Record.from_arrays(100 * v, z, sample_rate=500.0)).implausible == ()
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_displacement_of_which_most_strokes_are_cut_off_is_examined(seed: int) -> None:
+    """The gain of most strokes is 0, by which a change of it was divided."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    v = foreign_records.lagged(foreign_records.lagged(rng.standard_normal(5000), 500.0, 0.04), 500.0, 0.04)
+    v -= np.linspace(v[0], v[-1], v.size)
+    z = 30 * (v - v.min()) / np.ptp(v) + 0.03 * rng.standard_normal(v.size)
+    found = examine(Record.from_arrays(10 * v / np.ptp(v), np.minimum(z, 12.0), sample_rate=500.0))
+    assert found.clipped_displacement > 0.5 * v.size
+
+
+@pytest.mark.parametrize("harmonic", [2.9, 3.0, 3.05])
+def test_a_stage_that_the_third_harmonic_of_triangles_shakes_is_no_wrong_column(harmonic: float) -> None:
+    """The ringing was looked for above three times the strokes, and half of it was refused as the wrong column."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    t = np.arange(2400) / 400.0
+    v = (1 - np.abs((14.0 * t) % 2.0 - 1.0)) * rng.uniform(0.2, 1.0, 50)[(7.0 * t).astype(int)]
+    z = 20 * foreign_records.resonance(v, 400.0, 7.0 * harmonic, 0.005) + 0.05 * rng.standard_normal(t.size)
+    found = examine(Record.from_arrays(20 * v, z, sample_rate=400.0))
+    assert abs(found.correlation) < 0.7
+    assert found.mistakes == ()
+    assert any("is the stage" in text or "resonance" in text for text in found.implausible)
+
+
 def test_a_stage_that_rings_at_every_turn_does_not_lead() -> None:
     """A slow wave and one small step ring at 180 Hz to the end of the record: turns show the ringing, no delay."""
     rng = np.random.Generator(np.random.PCG64(0))

@@ -310,11 +310,31 @@ def test_what_an_instrument_has_not_measured_is_missing(tmp_path: Path, mark: st
     assert read_record(path, drop_bad_rows=True).dropped == 1
 
 
-def test_a_scale_takes_the_place_of_the_volts_of_a_heading_and_of_no_length(tmp_path: Path) -> None:
+def test_a_scale_takes_the_place_of_the_volts_of_a_heading_and_of_no_other_length(tmp_path: Path) -> None:
     path = text(tmp_path / "gauge.csv", T, V, Z / 3, head="t (s),V,gauge (V)\n")
     assert read_record(path, displacement=3, displacement_scale=3.0).contradictions == ()
     path = text(tmp_path / "nm.csv", T, V, Z / 3, head="t (s),V,z (nm)\n")
-    assert "in nm, as the file says" in read_record(path, displacement=3, displacement_scale=3.0).contradictions[0]
+    found = read_record(path, displacement=3, displacement_scale=3.0).contradictions[0]
+    assert "in nm, as the file says, but `displacement_scale` is 3; if the file is wrong, give" in found
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0, 0.00102])
+def test_a_scale_takes_the_place_of_a_wrong_length_or_calibrates_it(tmp_path: Path, scale: float) -> None:
+    """A heading of nm above um: the unit and the scale of the caller were both refused against the file."""
+    path = text(tmp_path / "nm.csv", T, V, Z / scale, head="t (s),V,z (nm)\n")
+    record = read_record(path, displacement_scale=scale)
+    assert record.contradictions == ()
+    np.testing.assert_allclose(record.displacement, Z, rtol=1e-6, atol=1e-9)
+    against = read_record(path, displacement_unit="um").contradictions[0]
+    assert against.endswith("if the file is wrong, give `displacement_scale` 1 in its place")
+
+
+def test_a_time_of_another_unit_is_corrected_in_the_file(tmp_path: Path) -> None:
+    """Neither `time_unit` nor `sample_rate` is taken against the unit of the file."""
+    path = text(tmp_path / "r.csv", T, V, Z, head="t (ms),V,z (um)\n")
+    against = read_record(path, time_unit="s").contradictions[0]
+    assert against.endswith("if the file is wrong, write s in the heading of the file")
+    assert examine(read_record(path)).mistakes[0].endswith("are they in s (write s in the heading of the file)?")
 
 
 def test_dates_in_arrays_are_in_seconds(tmp_path: Path) -> None:
@@ -620,6 +640,39 @@ def test_several_runs_in_one_file_are_none(tmp_path: Path, between: str) -> None
     path.write_text(first + between + first.partition("\n")[2])
     with pytest.raises(RecordError, match=r"line \d+: the time starts again, 0 s behind 0.299 s: are several runs"):
         read_record(path, drop_bad_rows=True)
+
+
+def _clock(seconds: float, point: str) -> str:
+    """The time of day, 23:59:59.900, from s since midnight of the first day."""
+    s = round(1000 * seconds) % 86_400_000
+    return f"{s // 3_600_000:02}:{s // 60_000 % 60:02}:{s // 1000 % 60:02}{point}{s % 1000:03}"
+
+
+@pytest.mark.parametrize(
+    ("head", "stamp"),
+    [
+        ("time", lambda s: _clock(s, ".")),
+        ("time", lambda s: _clock(s, ":")),  # as LabVIEW and loggers write milliseconds
+        ("date,time", lambda s: f"{'2026-12-31' if s < 86400 else '2027-01-01'},{_clock(s, '.')}"),
+        ("time (s)", lambda s: f"{s % 86400:.3f}"),
+        ("time (ms)", lambda s: f"{1000 * (s % 86400):.0f}"),
+    ],
+)
+def test_a_record_goes_on_over_midnight(tmp_path: Path, head: str, stamp: Callable[[float], str]) -> None:
+    rows = [f"{stamp(86399.9 + t)},{v:.6f},{z:.6f}" for t, v, z in zip(T, V, Z, strict=True)]
+    (tmp_path / "r.csv").write_text("\n".join([f"{head},volts (V),z (um)", *rows]))
+    record = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(record.time - record.time[0], T, atol=1e-6)
+    assert record.sample_rate == pytest.approx(1000.0)
+
+
+def test_two_runs_of_a_day_each_are_no_record_over_midnight(tmp_path: Path) -> None:
+    """Nor is a run whose clock was set back by some hours, or that goes on after hours."""
+    for first, second in ((0.0, 0.0), (80_000.0, 0.0), (86_399.9, 7200.0)):
+        day = np.concatenate([first + np.linspace(0.0, 86_399.7 - first, T.size) * (first == 0.0) + T, second + T])
+        np.savetxt(tmp_path / "r.csv", np.column_stack([day, *np.tile([V, Z], 2)]), fmt="%.4f", header="time (s),V,z")
+        with pytest.raises(RecordError, match="the time starts again"):
+            read_record(tmp_path / "r.csv")
 
 
 @pytest.mark.parametrize("digits", [1, 2])

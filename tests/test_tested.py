@@ -51,8 +51,17 @@ def test_noise_and_unit_change_what_is_tested_and_the_clock_scales_it():
 def test_a_record_of_steps_tests_its_own_steps():
     steps = 30 * np.random.default_rng(2).uniform(0, 1, 17)[(2 * T).astype(int)]
     frequency = tested.frequency(steps, FS, NOISE)
-    assert frequency > 10 * tested.frequency(30 * slow(), FS, NOISE)
+    assert frequency == 0.5 * FS > 5 * tested.frequency(30 * slow(), FS, NOISE)
     assert np.percentile(tested.above(steps, FS, frequency), 99) <= 2 * NOISE
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-12])
+def test_no_record_tests_more_than_half_of_its_sample_rate(noise):
+    """Without noise a mode of ten times the sample rate would show in a slow motion, but nothing of its frequency."""
+    steps = 30 * np.random.default_rng(2).uniform(0, 1, 17)[(2 * T).astype(int)]
+    for moved in (30 * slow(), steps):
+        assert tested.frequency(moved, FS, noise) == pytest.approx(0.5 * FS)
+        assert not tested.above(moved, FS, 0.5 * FS).any()
 
 
 def test_sharp_turns_behind_a_mode_that_the_record_could_not_show_are_said(found):

@@ -9,7 +9,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 
 LARGEST = 3.0  # times the motion: what a mode adds near its resonance before it has rung up
-HIGHEST = 100.0  # times the sample rate: no record tests more
+HIGHEST = 0.5  # times the sample rate: no record tests more
 HALVINGS = 40  # of the range, by its logarithm
 BINS = 2000  # of the spectrum at most
 SEEN = 2.0  # times the residual of the record: motion above F that is further is untested
@@ -26,7 +26,7 @@ def frequency(moved: FloatArray, sample_rate: float, noise: float) -> float:
 
     P is the mean square of the motion at f, and a(f) what a mode at F adds to it. A lower mode adds more than the
     residual, which would show it. F is higher where the record has turns or steps of its own: as high as it has
-    motion above F of `SEEN` times the noise in a hundredth of its time.
+    motion above F of `SEEN` times the noise in a hundredth of its time, and never above half of the sample rate.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def frequency(moved: FloatArray, sample_rate: float, noise: float) -> float:
     found = math.exp(high)
     while np.percentile(above(moved, sample_rate, found), OFTEN) > SEEN * noise:
         found *= RAISED
-    return found
+    return min(found, HIGHEST * sample_rate)
 
 
 def _added(f: FloatArray, mode: float) -> FloatArray:

@@ -88,17 +88,21 @@ class Column:
     other: str = field(default="", repr=False)
 
     def says(self, role: str, unit: str = "") -> str:
-        """The argument that states the unit, or this unit; against V or um of the file, a scale does.
+        """The argument that states the unit, or this unit; against a unit of the file, a scale does, or its heading.
 
         Examples
         --------
         >>> [Column("z", "um", bool(of), of).says("displacement", "nm") for of in ("", "um")]
         ['`displacement_unit` nm', '`displacement_scale` 0.001']
+        >>> Column("t", "ms", True, "ms").says("time", "s")
+        's in the heading of the file'
         """
-        if self.of_file in ("V", "um"):
-            size = f" {UNITS[role][unit]:g}" if unit else f", {self.of_file} for one of the column"
-            return f"`{role}_scale`{size}"
-        return f"`{role}_unit`" + (f" {unit}" if unit else f" or `{role}_scale`")
+        if not self.of_file:
+            return f"`{role}_unit`" + (f" {unit}" if unit else f" or `{role}_scale`")
+        if role == "time":
+            return f"{unit} in the heading of the file"
+        size = f" {UNITS[role][unit]:g}" if unit else f", {next(iter(UNITS[role]))} for one of the column"
+        return f"`{role}_scale`{size}"
 
 
 def read_columns(

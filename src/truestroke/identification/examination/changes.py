@@ -201,6 +201,8 @@ def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
     alone, (squares, k, more) = _squares(usual, gain)[0], _change(usual, gain, length)
     gains, all_of_it = gain / length, float(np.sum(length**2))
     before = float(np.median(gains) - more / 2 if k == STEADILY else np.median(gains[:k]))
+    if before == 0.0:  # most strokes are beyond the end of the sensor's range
+        return
     share, free = more / before, gain.size - usual.shape[1] - 1
     sure, least = (RAMP_SURE, RAMP_SHOWS) if k == STEADILY else (SURE, SHOWS)
     shown = math.sqrt(max(alone - squares, 0.0) / all_of_it) > least * abs(before)  # beyond what lengths explain, too

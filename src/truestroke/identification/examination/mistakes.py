@@ -34,7 +34,7 @@ SOON = 0.5e-3  # s: amplifier, stage and sensor are late by less, however fast t
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
 COARSE = 0.008  # of the stroke: noise, or rounding to 36 steps, beyond which no single reversal shows a lead
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
-RINGS, RING_ABOVE = 0.3, 3.0  # of the mean square, about a line, and times the frequency of the strokes
+RINGS, RING_ABOVE = 0.3, 2.5  # of the mean square, about a line, and times the frequency of the strokes
 COMMAND = 1e-5  # of the stroke: rms by which a displacement that is the voltage times a number may differ from it
 ROUNDED = 1e-4  # the same at most, where the text is rounded
 BEHIND = 2  # rows by which a command may be behind the voltage, and about the lag
@@ -114,7 +114,9 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
     short = time is not None and time.stated and time.unit not in ("s", "min")
     if speed > SPEED or (short and any(rate >= hz and speed >= um_s for hz, um_s in FAST)):
         stamps = f"time stamps ({time.heading!r} in {time.unit}) make" if time else "given sample rate makes"
-        remedy = "are they in s (`time_unit`)?" if time else "is it right?"
+        remedy = "is it right?"
+        if time is not None:
+            remedy = f"are they in s ({'write ' * bool(time.of_file)}{time.says('time', 's')})?"
         yield (
             f"the {stamps} {found.strokes} strokes in {found.duration_s:.3g} s, at {1e-3 * speed:.3g} mm/s and "
             f"{1e-3 * rate:.4g} kHz: {remedy}"

@@ -20,6 +20,7 @@ from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import to_and_fro
 from truestroke.signals.clipping import runs
+from truestroke.signals.columns import Column
 from truestroke.signals.noise import noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
@@ -105,14 +106,14 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
     stamps = f"the time stamps ({time.heading!r} in {time.unit})" if time else "the given sample rate"
     if time is not None and time.unit != "s" and abs(late) + SHOWN * row < SOON:
         turns = f"within {figures(1e6 * (abs(late) + SHOWN * row), 2)} us of the voltage, before most amplifiers do"
-        yield f"the displacement turns {turns}: are {stamps} in s? State the sample rate (`sample_rate`)"
+        yield f"the displacement turns {turns}: are {stamps} in s? {_stated(time, 's')}"
     elif late > max(TARDY, SHOWN * row):
         turns = f"{late:.2g} s later than the voltage, as hardly any does"
         if time is None:
             yield f"the displacement turns {turns}: is {stamps} of {record.sample_rate:g} Hz in kHz?"
         else:
-            finer = "in ms" if time.unit in ("s", "min") else "in a smaller unit"
-            yield f"the displacement turns {turns}: are {stamps} {finer}? State the sample rate (`sample_rate`)"
+            finer = "ms" if time.unit in ("s", "min") else "a smaller unit"
+            yield f"the displacement turns {turns}: are {stamps} in {finer}? {_stated(time, finer)}"
 
 
 def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
@@ -128,8 +129,13 @@ def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
     if moved > LONG and rate < SLOW and found.strokes >= 4:
         yield (
             f"the time stamps ({heading!r}) make {found.strokes} strokes in {moved / 3600:.3g} h, one row each "
-            f"{1 / rate:.3g} s: are they in ms? State their unit (`time_unit`; one against the file needs `force`)"
+            f"{1 / rate:.3g} s: are they in ms? {_stated(record.columns['time'], 'ms')}"
         )
+
+
+def _stated(time: Column, unit: str) -> str:
+    """How stamps are corrected: a sample rate or a unit of the caller would be refused against the unit of the file."""
+    return f"If so, write {time.says('time', unit)}" if time.of_file else "State the sample rate (`sample_rate`)"
 
 
 def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
@@ -283,8 +289,7 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     x, z = record.volts, record.displacement
     quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
     quietest = quiet["displacement"], quiet["voltage"]
-    exact = found.clipped_displacement > 0  # rows which are not fitted
-    rows, moved = (0, 0.0) if exact else level(z, x, *quietest)
+    rows, moved = level(z, x, *quietest)
     ways = (
         ("displacement", "voltage", "um", "V", rows if rows >= CUT * x.size else 0, moved),
         (

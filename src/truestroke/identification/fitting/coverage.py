@@ -21,7 +21,7 @@ LEVEL = 0.95
 LEAST = 0.3  # of the factor
 BINS = 12  # of the velocity
 STILL = 0.25  # of the mean square error: the share that does not grow with the velocity, at least
-GROWTH = 0.08  # of the stroke: the deviation of the error a unit of distance, of most records
+GROWTH = 0.16  # of the stroke: the deviation of the error a unit of distance, where the record does not show it
 WIDEST = 2.0  # how far, as a logarithm, that of a record may be from it before the square root
 
 
@@ -70,7 +70,9 @@ class Errors:
         """The deviation of the error a unit of distance, um.
 
         What these errors have beyond noise, weights, velocity and walk, over their distance, is known to a factor of
-        two at best: the geometric mean of it and of `GROWTH` of the stroke. It is no more than all of the error.
+        two at best: the geometric mean of it and of `GROWTH` of the stroke. It is no more than all of the error. That
+        they have nothing beyond is no evidence where later motion is as near as that of a sine: there the usual
+        growth would be lost in the error, and it stays.
         """
         usual, away = GROWTH * model.stroke, float(np.mean(self.distance**2))
         if not away:
@@ -78,7 +80,10 @@ class Errors:
         all_of_it = float(np.mean(self.error**2))
         more = all_of_it - float(np.mean(self._motion(model) + model.walk**2 * self.seconds))
         seen = math.log(max(math.sqrt(max(more, 0.0) / away) / usual, 1e-300))
-        return min(usual * math.exp(0.5 * float(np.clip(seen, -WIDEST, WIDEST))), math.sqrt(all_of_it / away))
+        exponent = 0.5 * float(np.clip(seen, -WIDEST, WIDEST))
+        if exponent < 0:
+            exponent *= usual**2 * away / (usual**2 * away + all_of_it)
+        return min(usual * math.exp(exponent), math.sqrt(all_of_it / away))
 
     def factor(self, model: ActuatorModel) -> float:
         """The k with which the interval holds 95 % of the errors; at least `LEAST`."""

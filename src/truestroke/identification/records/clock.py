@@ -8,6 +8,8 @@ from truestroke.signals.tables import UNITS
 
 AGREE = 0.02  # relative: how far a nominal sample rate may be from that of the stamps
 SAME = 1e-3  # the same, that is not worth a word
+DAY = 86_400.0  # s
+ACROSS = 10.0  # median intervals at most between the last row of a day and the first of the next
 
 
 def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str, str]:
@@ -35,3 +37,26 @@ def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str
         return "", f"the time stamps of the file ({called}) are not used{which}"
     rate = f"{rates[0]:.6g} Hz"
     return f"the sample rate is given as {sample_rate:g} Hz, but the time stamps of the file ({called}) have {rate}", ""
+
+
+def over_midnight(stamps: FloatArray) -> FloatArray:
+    """Stamps that ascend where they are of the time of day, s, and the record goes on into the next day.
+
+    A day ends where the time falls by 24 h but for an interval between rows. Runs that begin again at the same stamp
+    are no days.
+
+    Examples
+    --------
+    >>> over_midnight(np.array([86398.0, 86399.0, 0.0, 1.0, 2.0])) - 86400.0
+    array([-2., -1.,  0.,  1.,  2.])
+    """
+    steps = np.diff(stamps)
+    ends = np.flatnonzero(steps < -DAY / 2)
+    if not ends.size or not (stamps[ends] < DAY).all() or not (stamps[ends + 1] >= 0).all():
+        return stamps
+    across = steps[ends] + DAY
+    if not (across > 0).all() or (across > ACROSS * np.nanmedian(steps)).any() or stamps[0] == stamps[ends[0] + 1]:
+        return stamps
+    days = np.zeros(stamps.size)
+    days[ends + 1] = DAY
+    return stamps + np.cumsum(days)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.records import clock
 from truestroke.signals import formats, tables
@@ -24,6 +25,7 @@ from truestroke.signals.tables import RecordError, Table
 
 FEWEST_ROWS = 50
 COARSE = 0.2  # of the stamps repeat the one before, or more: rows that were measured would be left out with them
+CALIBRATION = 0.2  # by which a scale may differ from a unit of length, for which it stands
 GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
 
 HEADINGS = {
@@ -213,11 +215,13 @@ def read_record(
     signals, columns = _read(path, table, wanted, complete)
     signals["displacement"] *= -scale if flip_displacement else scale
     signals["volts"] *= of_volts
+    if "time" in signals:
+        signals["time"] = clock.over_midnight(signals["time"])
     if volts_scale is not None:
         columns["volts"] = dataclasses.replace(columns["volts"], of_file="")
-    if displacement_scale is not None and columns["displacement"].of_file not in tables.UNITS["displacement"]:
-        columns["displacement"] = dataclasses.replace(columns["displacement"], of_file="")  # a sensor's V
-    contradictions = [*_of_units(columns)]
+    if displacement_scale is not None and _is_scale(displacement_scale, columns["displacement"].of_file):
+        columns["displacement"] = dataclasses.replace(columns["displacement"], of_file="")
+    contradictions = [*_of_units(columns, {"displacement": displacement_scale})]
     unused = ""
     if sample_rate is not None and "time" in columns:
         against, unused = clock.against(signals.pop("time"), columns.pop("time"), sample_rate)
@@ -255,13 +259,21 @@ def _read(
     return signals, columns
 
 
-def _of_units(columns: Mapping[str, Column]) -> Iterator[str]:
+def _is_scale(scale: float, of_file: str) -> bool:
+    """Whether a scale, um, may take the place of what the file states: of no length, or where it is a length, about."""
+    lengths = tables.UNITS["displacement"]
+    return of_file not in lengths or any(abs(scale / size - 1) < CALIBRATION for size in lengths.values())
+
+
+def _of_units(columns: Mapping[str, Column], scales: Mapping[str, float | None]) -> Iterator[str]:
     """Units that the caller states against those of the file."""
     for role, column in columns.items():
         if column.of_file and column.of_file != column.unit:
-            unit, says = f"`{role}_unit` is {column.unit}", column.says(role, column.unit)
-            right = f"; if the file is wrong, give {says} in its place" if "scale" in says else ""
-            yield f"{column.heading!r} is in {column.of_file}, as the file says, but {unit}{right}"
+            says, scale = column.says(role, column.unit), scales.get(role)
+            stated = f"`{role}_unit` is {column.unit}" if scale is None else f"`{role}_scale` is {figures(scale)}"
+            against = f"{column.heading!r} is in {column.of_file}, as the file says, but {stated}"
+            right = f"write {says}" if role == "time" else f"give {says} in its place"
+            yield f"{against}; if the file is wrong, {right}"
 
 
 def _places(table: Table) -> tuple[str, ...]:

@@ -24,11 +24,11 @@ from truestroke.signals.tables.table import PROBE, RecordError, Table
 CHUNK = 1 << 20  # characters of text that are parsed at a time
 COMMENTS = ("#", "%")
 NUMBER_WITH_D = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)[dD][+-]?\d+")
-DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d|$)")  # of a date alone, 0:00
 DOTTED_DATE = re.compile(
     r"(\d\d?)\.(\d\d?)\.(\d{4})(?:[T ]+(\d\d?:\d\d(?::\d\d(?:[.,]\d+)?)?))?"
 )  # 31.12.2026 13:45:00,5
-TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
+TIME_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+|:\d{3})?)")  # 13:45:00.5, 13:45:00:500
 OF_GCS = re.compile(r"#\s*(NAME\d+|SAMPLE_TIME)\s*=\s*(.*?)\s*$")
 BEFORE = 50  # rows, with which the last number of a text is compared
 SLASHED_DATE = re.compile(r"\d\d?/\d\d?/\d{4}")
@@ -306,7 +306,7 @@ def _number(field: str) -> float:
             day, month, year, time = dotted.groups()
             return _seconds(f"{year}-{int(month):02}-{int(day):02}T{(time or '00:00').replace(',', '.').zfill(5)}")
         if clock := TIME_OF_DAY.fullmatch(field):
-            return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
+            return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3].replace(":", "."))
         return _seconds(field) if DATE_AND_TIME.match(field) else math.nan
 
 
