@@ -12,6 +12,7 @@ import truestroke
 from truestroke import ImageError, ScanRecord, SettingError, Verdict, scans
 from truestroke.cli import main
 from truestroke.identification.unwarp import by_direction, mirrored, read_scan_record, triggered
+from truestroke.model.branches import Branches
 from truestroke.plant import StagePlant, StageSettings
 
 FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
@@ -86,6 +87,21 @@ def test_the_corrected_image_is_the_sample(both):
     ])  # fmt: skip
     assert np.ptp(shifts[:, 0]) < 0.8  # pixels of 128; it was 6.8
     assert np.ptp(shifts[:, 1]) < 0.6
+
+
+@pytest.mark.parametrize("monitor", ["noise", "mains"])
+def test_what_the_monitor_of_a_slow_axis_adds_to_its_voltage_moves_no_row(scan, volts, shown, model, monitor):
+    """States of Duhem follow the voltage with its travel: noise of 0.3 mV goes three times as far as the motion."""
+    duhem = Branches(voltage_range=(0.0, 3.6), betas=(4.0,), weights=(2.0, 0.0))
+    slow, ticks = model.replace(branches=duhem), np.arange(volts[1].size)
+    noise = np.random.Generator(np.random.PCG64(3)).normal(size=ticks.size)
+    added = 3e-4 * noise if monitor == "noise" else 3e-3 * np.sin(2 * np.pi * 50.0 * ticks / FS)
+    known, found = (
+        truestroke.unwarp(shown, ScanRecord.of(scan, volts[0], y), model, slow).images["trace"]
+        for y in (volts[1], volts[1] + added)
+    )
+    assert abs(found.origin[1] - known.origin[1]) < 0.1 * known.pixel[1]
+    assert abs(found.size[1] - known.size[1]) < 0.15 * known.pixel[1]
 
 
 def test_lines_by_a_trigger_are_those_of_the_table(scan, volts, shown, model, both):
