@@ -250,6 +250,13 @@ def test_exchanged_and_turned_images_are_named(scan, volts, shown, model):
         truestroke.unwarp(turned, record, model)
 
 
+def test_a_square_scan_that_was_stopped_has_lost_rows(scan, volts, shown, model):
+    """It was said to be turned by 90 degrees, and nothing else."""
+    part = dataclasses.replace(shown["trace"], data=shown["trace"].data[:40, ::2])
+    with pytest.raises(ImageError, match="40 rows, the recording 64 lines of it: it has lost its last rows"):
+        truestroke.unwarp(part, ScanRecord.of(scan, *volts), model)
+
+
 # ---- What does not fit ---------------------------------------------------------------------------------------------
 
 
@@ -402,6 +409,16 @@ def test_the_command_writes_image_and_page(folder, tmp_path):
     trace, retrace = scans.read_images(tmp_path / "new.nxs")
     assert (trace.name, retrace.name) == ("height, trace", "height, retrace")
     assert "trace and retrace apart, after" in (tmp_path / "new.html").read_text()
+
+
+def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder, tmp_path):
+    files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gwy"]
+    given = [folder / "scan.gwy", "--model", DAY_BEFORE, *files]
+    code, text = run(*given)
+    assert code == 0
+    assert "slow axis                        not corrected: without a model of y (--model-y)" in text
+    assert "not corrected" in (tmp_path / "new.html").read_text()
+    assert "slow axis" not in run(*given, "--model-y", DAY_BEFORE, "--force")[1]
 
 
 def test_the_command_takes_one_of_several_signals(folder, shown, tmp_path):

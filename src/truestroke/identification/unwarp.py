@@ -294,6 +294,8 @@ class Unwarped(Displayed):
     verdict : Verdict
         Doubtful where trace and retrace are more than 0.3 pixels apart, there is no retrace, or the trigger does not
         say where they are; bad beyond 3.
+    even_rows : bool
+        Whether the rows were taken as even, as there was no model of y: what y does is not corrected.
     """
 
     images: Mapping[str, Image]
@@ -302,6 +304,7 @@ class Unwarped(Displayed):
     moved: float
     timing: float
     verdict: Verdict
+    even_rows: bool = False
 
     def _display(self) -> tuple[str, Rows]:
         rows = [(name, quantity(getattr(self, name), "pixels")) for name in ("before", "after", "moved", "timing")]
@@ -374,7 +377,9 @@ def unwarp(
     far = after is not None and float(np.hypot(*after)) > APART
     why = evidence.why_apart(given, made, places.corrected, after, speed, APART) if after and far else ""
     verdict = Verdict.of([*findings, *_findings(before, after, timing, made, why)])
-    return Unwarped(images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict)
+    return Unwarped(
+        images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict, even_rows=y is None
+    )
 
 
 @dataclass(frozen=True, eq=False)
