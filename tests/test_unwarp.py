@@ -421,6 +421,16 @@ def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder,
     assert "slow axis" not in run(*given, "--model-y", DAY_BEFORE, "--force")[1]
 
 
+@pytest.mark.parametrize("name", ["scan.png", "scan.npy", "scan.sxm"])
+def test_a_file_of_another_kind_is_refused_with_what_to_do(folder, tmp_path, name):
+    (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n")
+    code, text = run(tmp_path / name, "--model", DAY_BEFORE, "--record", folder / "volts.csv")
+    assert code == 2
+    assert (
+        "ends with .gsf, .gwy, .tif, .tiff, .nxs: save it as one of these where it was recorded, or in Gwyddion" in text
+    )
+
+
 def test_the_command_takes_one_of_several_signals(folder, shown, tmp_path):
     several = [*shown.values(), dataclasses.replace(shown["trace"], name="phase, trace")]
     scans.save_images(tmp_path / "several.gwy", several)
