@@ -66,6 +66,14 @@ def test_a_motion_longer_than_the_stroke_is_refused_with_what_it_needs() -> None
     assert "V/s); make it smaller, or change axis.stroke" in said
 
 
+@pytest.mark.parametrize("offset", [-40.0, 55.0])
+def test_a_motion_that_is_short_enough_but_elsewhere_is_to_be_shifted(offset: float) -> None:
+    """It was to be made smaller, as often for a scan whose offset is that of another stage."""
+    said = refused(sine(frequency=5.0, peak_to_peak=10.0, offset=offset, duration=2.0))
+    assert "; shift it, as by its offset: behind its start it is from" in said
+    assert "make it smaller" not in said
+
+
 def test_units_that_do_not_fit_are_refused() -> None:
     """The weights of a model in mV; a motion that goes far below 0 um."""
     mv = ControllerSettings(**BENCH, initial_sensitivity=8.2e-3)

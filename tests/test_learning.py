@@ -500,6 +500,25 @@ def test_a_sensor_that_goes_the_other_way_or_hardly_at_all_is_refused(sign):
         learned.learn(np.tile(z, (2, 1)))
 
 
+def test_a_sensor_that_turns_its_sign_while_it_is_learned_is_refused_and_the_best_voltage_stays():
+    """The law took it for another stage, whose plays had no weight: after some passes each voltage was NaN."""
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(870.0), **KNOWN)
+    for _ in range(4):
+        learned.learn(stage.play(learned.volts)[0])
+    one = learned.learn(24.0 - stage.play(learned.volts)[0])
+    assert one.undone
+    again = learned.volts
+    with pytest.raises(SettingError, match="measured = against the voltage, two passes in a row: must be of a sensor"):
+        learned.learn(24.0 - stage.play(learned.volts)[0])
+    assert learned.volts is again
+    assert learned.learn(stage.play(learned.volts)[0]).rmse < 0.05
+
+
+def test_plays_that_all_go_against_the_voltage_leave_one_without_a_loop():
+    """Their sum is what the others are divided by: each voltage of the model was NaN."""
+    assert periodic_hysteresis._rising(np.array([-0.5, -0.2, 0.0, 0.1, 0.3])).tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize(
     ("sensor", "words"),
     [

@@ -6,7 +6,7 @@ from benchmarks import foreign_records
 
 from truestroke import Record, examine
 from truestroke.identification import identify
-from truestroke.signals.quiet import noise_not_followed, without_noise
+from truestroke.signals.quiet import noise_not_followed, without_noise, without_reversals
 
 T = np.arange(8000) / 1000.0
 
@@ -73,3 +73,18 @@ def test_what_shakes_a_slow_stage_stays_and_noise_of_the_measurement_does_not(fr
     for put_out, beside in ((smooth + dither, 0.0), (smooth, 0.003 * normal(7))):
         z = foreign_records.resonance(foreign_records.bouc_wen(put_out), 1000.0, frequency, damping)
         assert (noise_not_followed(put_out + beside, z + 3e-4 * normal(6)) > 0) == (put_out is smooth)
+
+
+def test_only_reversals_that_are_large_enough_stay() -> None:
+    """Turns of a motion are where they were; between them it goes one way, about in the middle of the noise."""
+    v = 50 - 50 * np.cos(T)
+    measured = v + 0.5 * normal(4)
+    quiet = without_reversals(measured, 5.0)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(quiet)[np.diff(quiet) != 0])))
+    assert turns.size == 2
+    assert np.abs(np.diff(quiet)).sum() < 1.05 * np.abs(np.diff(v)).sum()
+    assert np.abs(np.diff(measured)).sum() > 10 * np.abs(np.diff(v)).sum()
+    assert np.abs(quiet - v).max() < 2.5
+    assert np.array_equal(without_reversals(v, 5.0), v)
+    assert np.array_equal(without_reversals(-v, 5.0), -v)
+    assert without_reversals(np.full(3, 2.0), 5.0).tolist() == [2.0] * 3

@@ -12,6 +12,7 @@ import truestroke
 from truestroke import ImageError, ScanRecord, SettingError, Verdict, scans
 from truestroke.cli import main
 from truestroke.identification.unwarp import by_direction, mirrored, read_scan_record, triggered
+from truestroke.model.branches import Branches
 from truestroke.plant import StagePlant, StageSettings
 
 FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
@@ -86,6 +87,21 @@ def test_the_corrected_image_is_the_sample(both):
     ])  # fmt: skip
     assert np.ptp(shifts[:, 0]) < 0.8  # pixels of 128; it was 6.8
     assert np.ptp(shifts[:, 1]) < 0.6
+
+
+@pytest.mark.parametrize("monitor", ["noise", "mains"])
+def test_what_the_monitor_of_a_slow_axis_adds_to_its_voltage_moves_no_row(scan, volts, shown, model, monitor):
+    """States of Duhem follow the voltage with its travel: noise of 0.3 mV goes three times as far as the motion."""
+    duhem = Branches(voltage_range=(0.0, 3.6), betas=(4.0,), weights=(2.0, 0.0))
+    slow, ticks = model.replace(branches=duhem), np.arange(volts[1].size)
+    noise = np.random.Generator(np.random.PCG64(3)).normal(size=ticks.size)
+    added = 3e-4 * noise if monitor == "noise" else 3e-3 * np.sin(2 * np.pi * 50.0 * ticks / FS)
+    known, found = (
+        truestroke.unwarp(shown, ScanRecord.of(scan, volts[0], y), model, slow).images["trace"]
+        for y in (volts[1], volts[1] + added)
+    )
+    assert abs(found.origin[1] - known.origin[1]) < 0.1 * known.pixel[1]
+    assert abs(found.size[1] - known.size[1]) < 0.15 * known.pixel[1]
 
 
 def test_lines_by_a_trigger_are_those_of_the_table(scan, volts, shown, model, both):
@@ -232,6 +248,13 @@ def test_exchanged_and_turned_images_are_named(scan, volts, shown, model):
     turned = dataclasses.replace(shown["trace"], data=shown["trace"].data.T)
     with pytest.raises(ImageError, match="the trace has 128 rows, the recording 64 lines of it: it is turned by 90"):
         truestroke.unwarp(turned, record, model)
+
+
+def test_a_square_scan_that_was_stopped_has_lost_rows(scan, volts, shown, model):
+    """It was said to be turned by 90 degrees, and nothing else."""
+    part = dataclasses.replace(shown["trace"], data=shown["trace"].data[:40, ::2])
+    with pytest.raises(ImageError, match="40 rows, the recording 64 lines of it: it has lost its last rows"):
+        truestroke.unwarp(part, ScanRecord.of(scan, *volts), model)
 
 
 # ---- What does not fit ---------------------------------------------------------------------------------------------
@@ -386,6 +409,26 @@ def test_the_command_writes_image_and_page(folder, tmp_path):
     trace, retrace = scans.read_images(tmp_path / "new.nxs")
     assert (trace.name, retrace.name) == ("height, trace", "height, retrace")
     assert "trace and retrace apart, after" in (tmp_path / "new.html").read_text()
+
+
+def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder, tmp_path):
+    files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gwy"]
+    given = [folder / "scan.gwy", "--model", DAY_BEFORE, *files]
+    code, text = run(*given)
+    assert code == 0
+    assert "slow axis                        not corrected: without a model of y (--model-y)" in text
+    assert "not corrected" in (tmp_path / "new.html").read_text()
+    assert "slow axis" not in run(*given, "--model-y", DAY_BEFORE, "--force")[1]
+
+
+@pytest.mark.parametrize("name", ["scan.png", "scan.npy", "scan.sxm"])
+def test_a_file_of_another_kind_is_refused_with_what_to_do(folder, tmp_path, name):
+    (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n")
+    code, text = run(tmp_path / name, "--model", DAY_BEFORE, "--record", folder / "volts.csv")
+    assert code == 2
+    assert (
+        "ends with .gsf, .gwy, .tif, .tiff, .nxs: save it as one of these where it was recorded, or in Gwyddion" in text
+    )
 
 
 def test_the_command_takes_one_of_several_signals(folder, shown, tmp_path):

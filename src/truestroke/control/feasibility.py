@@ -89,6 +89,8 @@ class Demands:
         What corners of the motion, where its velocity jumps, leave of a stage that is otherwise followed, um rms.
     back : float
         Voltage at its lowest position behind its highest one, V: with twice the loop of the prior, or that of a model.
+    later : tuple[float, float]
+        Lowest and highest position in its second half, behind its start from 0 um, um; 0 where it is not known.
     """
 
     reach: tuple[float, float]
@@ -101,6 +103,7 @@ class Demands:
     resonance: float = 0.0
     ringing: float = 0.0
     back: float = 0.0
+    later: tuple[float, float] = (0.0, 0.0)
 
 
 def gains(settings: ControllerSettings) -> tuple[float, float]:
@@ -203,6 +206,8 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings, mode
     if not isinstance(trajectory, Trajectory):
         return needs
     z = trajectory.position
+    half = z[z.size // 2 :]
+    needs = replace(needs, later=(float(half.min()), float(half.max())))
     top = int(z.argmax())
     if settings.law == "kalman" and z[top] > 0:
         needs = replace(needs, back=_way_back(settings, float(z[top]), float(z[top:].min())))
@@ -286,17 +291,25 @@ def check(
     bound = ""
     if most - least > SPARE * settings.stroke:
         bound = f"within the stroke, {settings.stroke:g} um (it moves {pace}: about {figures(needs.slew)} V/s); "
-        bound += f"make it smaller, or change {names['stroke']}"
+        bound += f"{_remedy(needs, settings.stroke)}, or change {names['stroke']}"
     elif needs.volts[0] / DOUBT < min(low, 0.0) or needs.volts[1] / DOUBT > max(high, 0.0):
         bound = f"within reach: about {figures(needs.volts[0])} to {figures(needs.volts[1])} V are needed at "
         bound += f"{gains(settings)[0]:.3g} um/V, {names['voltage_limits']} are {low:g} to {high:g} V; "
         rings = f", or its resonance of {settings.resonance:g} Hz" if settings.resonance > 0 else ""
-        bound += f"make it smaller, or correct the limits or the model (um, V){rings}"
+        bound += f"{_remedy(needs, gains(settings)[0] * high)}, or correct the limits or the model (um, V){rings}"
     if bound:
         raise SettingError(motion, f"{least:g} to {most:.6g}", bound, "um")
     if needs.usual_slew / DOUBT > limit:
         bound = f"about {figures(needs.slew)} V/s for a motion {pace} (at {gains(settings)[1]:.3g} um/V); "
         raise SettingError(names["slew"], f"{limit:g}", f"{bound}raise it, or make {motion} slower", "V/s")
+
+
+def _remedy(needs: Demands, highest: float) -> str:
+    """For a motion that needs more than what is from 0 to the highest position, um."""
+    least, most = needs.later
+    if not 0 < most - least <= highest or (least >= 0 and most <= highest):
+        return "make it smaller"
+    return f"shift it, as by its offset: behind its start it is from {figures(least)} to {figures(most)} um"
 
 
 def notices(

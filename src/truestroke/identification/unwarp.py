@@ -24,7 +24,9 @@ from truestroke.control.actuator import ActuatorModel
 from truestroke.control.reach import inherited
 from truestroke.identification import unwarp_evidence as evidence
 from truestroke.identification.unwarp_evidence import FAR, filled
+from truestroke.signals import quiet
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
+from truestroke.signals.noise import noise
 from truestroke.signals.scans.images import Image, ImageError, shift
 from truestroke.signals.scans.scan import LINE, Scan, table
 from truestroke.signals.tables import UNITS, RecordError, open_table
@@ -40,6 +42,8 @@ BACK = 1.0  # pixels: a line that goes back further is none
 ODD = 0.05  # of a line: one that lasts so much longer or shorter than the others has lost its trigger
 LOOSE = 0.1  # of half a sample: by which noise may move an edge further
 OTHER_UNIT = 10.0  # times the length of the recording: lines that last longer have another unit
+REVERSAL = 5e-3  # of the range of a voltage: smaller ones are no motion of a scan,
+NOISES = 8.0  # nor are those of so many times its noise
 SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
 HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
 
@@ -290,6 +294,8 @@ class Unwarped(Displayed):
     verdict : Verdict
         Doubtful where trace and retrace are more than 0.3 pixels apart, there is no retrace, or the trigger does not
         say where they are; bad beyond 3.
+    even_rows : bool
+        Whether the rows were taken as even, as there was no model of y: what y does is not corrected.
     """
 
     images: Mapping[str, Image]
@@ -298,6 +304,7 @@ class Unwarped(Displayed):
     moved: float
     timing: float
     verdict: Verdict
+    even_rows: bool = False
 
     def _display(self) -> tuple[str, Rows]:
         rows = [(name, quantity(getattr(self, name), "pixels")) for name in ("before", "after", "moved", "timing")]
@@ -370,7 +377,9 @@ def unwarp(
     far = after is not None and float(np.hypot(*after)) > APART
     why = evidence.why_apart(given, made, places.corrected, after, speed, APART) if after and far else ""
     verdict = Verdict.of([*findings, *_findings(before, after, timing, made, why)])
-    return Unwarped(images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict)
+    return Unwarped(
+        images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict, even_rows=y is None
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -457,13 +466,23 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
         )
 
 
+def _without_noise(volts: FloatArray, model: ActuatorModel) -> FloatArray:
+    """The voltage at the actuator, V: a slow axis adds up the noise of its monitor in each state of its hysteresis."""
+    low, high = model.voltage_range
+    quieter = quiet.without_noise(volts, quiet.noise_of(volts, high - low))
+    return quiet.without_reversals(
+        quieter, max(REVERSAL * float(np.ptp(volts)), NOISES * noise(volts, (slice(0, volts.size),)))
+    )
+
+
 def _places(
     images: Mapping[str, Image], record: ScanRecord, model: ActuatorModel, volts: FloatArray
 ) -> dict[str, FloatArray]:
     """Predicted place of each pixel of each image, um, shape (rows, columns)."""
     from scipy.interpolate import CubicSpline
 
-    predicted, made = CubicSpline(record.time, model.predict(volts, record.sample_rate, measured=True)), {}
+    x = _without_noise(volts, model)
+    predicted, made = CubicSpline(record.time, model.predict(x, record.sample_rate, measured=False)), {}
     for name, image in images.items():
         lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
         columns = image.data.shape[1]

@@ -46,7 +46,8 @@ def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: fl
     """Why a recording has not as many lines as the image has rows, as far as their times show it."""
     rows, columns = shape
     if lines.size == columns:
-        return "it is turned by 90 degrees" + (", or has lost rows" if rows > 0.9 * columns else "")
+        lost = "it has lost its last rows, as of a scan that was stopped, or "
+        return (lost if rows < columns else "") + "it is turned by 90 degrees"
     if not lines.size:
         return "its trigger is missing, or is that of the other direction"
     if lines.size > rows:

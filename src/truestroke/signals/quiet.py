@@ -1,9 +1,11 @@
 """A voltage without the noise of its own measurement, which the actuator does not see."""
 
+import itertools
 import math
 
 import numpy as np
 
+from truestroke import _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.signals.noise import noise
 
@@ -77,6 +79,30 @@ def without_noise(x: FloatArray, deviation: float) -> FloatArray:
         quiet[agrees] = wide[agrees]
         narrower.append((wide, math.sqrt(float(savgol_coeffs(width, 2)[half]))))
     return quiet
+
+
+def without_reversals(x: FloatArray, least: float) -> FloatArray:
+    """The voltage x, V, with reversals of `least` and more only: hysteresis sees what the others add up to.
+
+    Examples
+    --------
+    >>> without_reversals(np.array([0.0, 1.0, 0.9, 2.0, 0.0]), 0.5).tolist()
+    [0.0, 0.95, 0.95, 2.0, 0.0]
+    """
+    if not least > 0 or x.size < 2:
+        return x
+    followed = np.empty((x.size, 1))
+    _kernel.play_history(np.ascontiguousarray(x), np.array([least / 2]), x[:1].copy(), 1, followed)
+    steps = np.diff(followed[:, 0])
+    moves = np.flatnonzero(steps)
+    turns = moves[:-1][steps[moves[:-1]] * steps[moves[1:]] < 0] + 1
+    way, made = 1.0 if not moves.size or steps[moves[0]] > 0 else -1.0, x.copy()
+    for first, last in itertools.pairwise([0, *turns.tolist(), x.size - 1]):
+        part = way * x[first : last + 1]
+        lowest, highest = np.minimum.accumulate(part[::-1])[::-1], np.maximum.accumulate(part)
+        made[first : last + 1] = way * (lowest + highest) / 2
+        way = -way
+    return made
 
 
 def _is_followed(x: FloatArray, z: FloatArray, deviation: float, gain: float) -> bool:

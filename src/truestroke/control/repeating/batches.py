@@ -33,6 +33,7 @@ SURE = 2.0  # and each is worse by so many standard deviations of what noise mak
 ALIKE = 0.02  # of the rms of a motion: another one within it is the same, but for amplitude, offset and phase
 SAME = 0.05  # of the amplitude: so near in amplitude and offset a motion has the same voltage,
 NEAR = 0.01  # of the period: and so near in period the same response
+CORRECTS = 0.5  # of the error of a batch: a correction of another motion is used that leaves less
 CARRIED = 3.0  # times: how much more a correction may become where the period changes
 ABOVE = 1.05  # times the square of the first error, and
 NOISES = 2.0  # times that of the noise of a sample: a period beyond their sum is too much
@@ -107,7 +108,9 @@ class Learned:
     listens : int
         Batches at most in which it still learns.
     carries : bool
-        Whether it began with what was learned of the same motion.
+        Whether it began with what was learned of its like.
+    waiting : ndarray or None
+        The correction of its like, V, until the first batch shows whether the error is what it would correct.
     """
 
     motion: ComplexArray
@@ -120,6 +123,7 @@ class Learned:
     few: FewNumbers
     listens: int
     carries: bool = False
+    waiting: FloatArray | None = None
     hysteresis: PeriodicHysteresis | None = None
     passes: tuple[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray], ...] = ()
     inside: ComplexArray | None = None
@@ -207,7 +211,13 @@ class Measured:
 
 
 def joined(
-    wave: FloatArray, f: FloatArray, rate: float, dynamics: Dynamics | None, band: float, kept: Kept | None
+    wave: FloatArray,
+    f: FloatArray,
+    rate: float,
+    dynamics: Dynamics | None,
+    band: float,
+    kept: Kept | None,
+    held: bool = False,
 ) -> Steps[Outcome]:
     """A motion repeats: what of it can be learned, and what was learned of its like before.
 
@@ -225,6 +235,8 @@ def joined(
         Highest harmonic that is learned, Hz.
     kept : Kept or None
         Of the last motion.
+    held : bool
+        Whether nothing is learned, so that no batch shows whether a correction of another motion is right.
     """
     yield
     below = np.minimum(f, rate / 2)  # a period of 16.9 ticks has 17 phases: harmonics above half of the sample rate
@@ -250,7 +262,10 @@ def joined(
     carried = None if kept is None else (yield from _carried(kept, fresh))
     if carried is None:
         return Outcome(fresh)
-    return Outcome(replace(fresh, listens=0, carries=True), carried[0], whole=carried[1])
+    volts, whole = carried
+    if whole is None and not held:
+        return Outcome(replace(fresh, carries=True, waiting=volts))
+    return Outcome(replace(fresh, listens=0, carries=True), volts, whole=whole)
 
 
 def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexArray, ComplexArray]]:
@@ -269,7 +284,7 @@ def _responses(dynamics: Dynamics | None, f: FloatArray) -> Steps[tuple[ComplexA
 def _carried(kept: Kept, now: Learned) -> Steps[tuple[FloatArray, FloatArray | None] | None]:
     """The correction for another amplitude, offset, phase or period of the same form; None: it is another form.
 
-    And the whole voltage, where amplitude and offset are the same.
+    And the whole voltage, where amplitude, offset and period are the same.
     What the law has learned of the response goes to that of now.
     """
     then, law = kept.learned, now.law
@@ -309,10 +324,11 @@ def _carried(kept: Kept, now: Learned) -> Steps[tuple[FloatArray, FloatArray | N
 
 
 def _same(then: Learned, now: Learned, amplitude: float) -> bool:
-    """Whether a motion has nearly the amplitude and the offset of the other one."""
+    """Whether a motion has nearly the amplitude, the offset and the period of the other one."""
     offsets = now.motion[0].real / now.law.samples - then.motion[0].real / then.law.samples
     span = float(np.ptp(np.fft.irfft(now.motion, now.law.samples)))
-    return abs(amplitude - 1) < SAME and abs(float(offsets)) < SAME * span
+    same = abs(amplitude - 1) < SAME and abs(float(offsets)) < SAME * span
+    return same and abs(now.f[1] / then.f[1] - 1) < NEAR
 
 
 def _remembered(before: HarmonicLaw, then: FloatArray, law: HarmonicLaw, now: FloatArray) -> Steps[None]:
@@ -371,14 +387,23 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
         yield from law.knowing()
     seen = yield from _mean_square(now, batch.errors)
     if now.listens > 0:
-        listens = now.listens - 1 if spread < LEARNED * now.error else 0
-        return Outcome(replace(now, error=spread, alone=seen, listens=listens))
+        known, now = now.waiting, replace(now, error=spread, alone=seen, waiting=None)
+        if known is not None and _corrects(now, known, Z, spread):
+            return Outcome(replace(now, listens=0), known)
+        return Outcome(replace(now, listens=now.listens - 1 if spread < LEARNED * before.error else 0))
     lost, least = 0, math.inf
     if _loses(seen, now.alone):
         lost = now.lost + 1 if seen[0] > FALLS * now.least else 0
         least = min(now.least, seen[0])
     now = replace(now, lost=lost, least=least)
     return (yield from _followed(now, batch, volts, missing, law.noise(noise2)))
+
+
+def _corrects(now: Learned, volts: FloatArray, measured: ComplexArray, error: float) -> bool:
+    """Whether a correction would take more than half of the error of a batch, um rms, by the response that is known."""
+    law = now.law
+    missing = measured - law.desired + np.where(now.heard, law.response * law.ratio * np.fft.rfft(volts), 0.0)
+    return float(np.std(np.fft.irfft(missing, volts.size)[now.counts])) < CORRECTS * error
 
 
 def _mean_square(now: Learned, errors: Sequence[FloatArray]) -> Steps[tuple[float, int]]:

@@ -220,7 +220,7 @@ class IterativeLearning(Displayed):
         size = {"samples": self.samples, "periods": self.periods}
         self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
         self._best = math.nan, np.empty(0)
-        self._number = 0
+        self._number, self._against = 0, False  # of the last pass: whether the displacement went against the voltage
         self._hysteresis: PeriodicHysteresis | None = None
         self._seen: list[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray]] = []  # volts, U, Z and its variance
         self.volts, self._held = self._first(model)
@@ -305,7 +305,8 @@ class IterativeLearning(Displayed):
         Raises
         ------
         SettingError
-            The pass was cut short: not a whole number of periods. What was learned so far stays.
+            The pass was cut short: not a whole number of periods. Or the displacement went against the voltage, two
+            passes in a row, where it had gone with it. What was learned so far stays.
         """
         z = self._periods(measured)
         if z is None:
@@ -315,6 +316,8 @@ class IterativeLearning(Displayed):
         Z, first = np.fft.rfft(mean), self._hysteresis is None
         if first:
             self._scale(np.fft.rfft(self.volts), Z, noise2)
+        else:
+            self._refuse_against(Z)
         error = mean - np.fft.irfft(self._law.desired, self.samples)
         rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
         if first or float(np.std(error[self.counts])) < self._law.best:
@@ -347,6 +350,15 @@ class IterativeLearning(Displayed):
         self.volts, self._held = self._within(finished(self._hysteresis.volts(strain, self._base, self._moved)))
         self._number += 1
         return made
+
+    def _refuse_against(self, Z: ComplexArray) -> None:
+        """A sensor whose sign, or a trigger whose place, is another one from now on: one such pass is undone."""
+        against = not self._law.gain(np.fft.rfft(self.volts), Z) > 0
+        if against and self._against:
+            remedy = "look at its sign, channel and cable, and at the trigger of the recording"
+            bound = f"of a sensor that rises with the voltage, as in the first pass: {remedy}"
+            raise SettingError("measured", "against the voltage, two passes in a row", bound)
+        self._against = against
 
     def _model(self, Z: ComplexArray, noise2: FloatArray) -> None:
         """The hysteresis as this pass shows it, and what it differs by from those that the law remembers."""

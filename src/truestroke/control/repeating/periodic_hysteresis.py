@@ -249,6 +249,8 @@ def _steepest(weights: FloatArray) -> float:
 def _rising(weights: FloatArray) -> FloatArray:
     """The same with a sum of 1 of the plays, and such that the strain rises with the voltage everywhere."""
     a = np.maximum(weights[:-2], 0.0)
+    if not a.any():  # the displacement goes against the voltage
+        return np.append([1.0, *a[1:]], [0.0, 0.0])
     a[0] = max(a[0], 2 * LEAST * a.sum())
     curved = weights[-2:] / a.sum()
     a = a / a.sum()

@@ -129,8 +129,8 @@ class RepetitiveController(Displayed):
     """A controller, and a correction of its error in a motion that repeats, learned while it runs.
 
     Two periods that are alike begin a repetition. The controller inside learns until its error does not fall any more;
-    from then on it rests, and a correction is learned from each batch of periods. It is kept, and scaled, where
-    amplitude or offset of the motion change, and taken back where the motion no longer repeats.
+    from then on it rests, and a correction is learned from each batch of periods. It is taken back where the motion no
+    longer repeats. Where only amplitude, offset or period of the motion have changed, what the stage has shown stays.
 
     Everything else that the controller inside has, such as `settings`, is that of this one, too.
 
@@ -371,7 +371,8 @@ class RepetitiveController(Displayed):
         elif not self._joined and not motion.corrects and not self._gave_up:
             self._joined = True
             dynamics, f = self._known(), np.arange(motion.size // 2 + 1) / self.period
-            self._do(batches.joined(motion.wave, f, self.sample_rate, dynamics, self._band(dynamics), self._kept))
+            band = self._band(dynamics)
+            self._do(batches.joined(motion.wave, f, self.sample_rate, dynamics, band, self._kept, self._held))
 
     def _known(self) -> Dynamics | None:
         """Dynamics of the stage, as far as they are known now."""
@@ -453,7 +454,7 @@ class RepetitiveController(Displayed):
             self._leave()
             return
         if outcome.volts is None:
-            if learned.law.fresh:
+            if learned.law.fresh and not learned.carries:
                 self._kept = None
             if self._rests and not self._repetition.corrects:
                 self._become(np.zeros(self._repetition.size))  # the mean, which creeps, is followed at once

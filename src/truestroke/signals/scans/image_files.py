@@ -119,6 +119,9 @@ def read_images(path: str | Path) -> list[Image]:
     path = checks.path("path", path)
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
+    if path.suffix.lower() not in ENDINGS:
+        remedy = "save it as one of these where it was recorded, or in Gwyddion; a picture such as .png has no heights"
+        raise SettingError("path", str(path), f"a file that ends with {', '.join(ENDINGS)}: {remedy}")
     require_library(path)
     read = READERS[path.suffix.lower()]
     try:
