@@ -161,7 +161,8 @@ def forked_helpers(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests of what happens in a run: its recorder, watchdogs and server are forks of this process.
 
     Fresh ones import NumPy and truestroke anew, for longer than the run takes. Those that `truestroke run` has in the
-    tests of the command are fresh.
+    tests of the command are fresh; where signals or the end of its process are what is tested, `forked.ForkedCommand`
+    is the command.
     """
     from forked import Forked
 
