@@ -30,6 +30,13 @@ ALONE = (
     "test_docs.py", "test_examples.py", "test_files_of_a_run.py", "test_realtime.py", "test_realtime_faults.py",
     "test_reference.py", "test_robustness.py", "test_study.py", "test_supervision.py",
 )  # fmt: skip
+# Pages and docstrings with the file whose tests load the same large packages, so that one process imports them.
+WITH = {
+    "[docs/conventions.md]": "test_recording.py", "[docs/other-packages.md]": "test_adapters.py",
+    "[docs/ophyd.md]": "test_ophyd.py", "[truestroke.dropins.ophyd]": "test_ophyd.py",
+    "[docs/qudi.md]": "test_qudi.py", "[truestroke.dropins.qudi]": "test_qudi.py",
+    "[truestroke.identification.adapters.sklearn]": "test_adapters.py",
+}  # fmt: skip
 
 # Where Python writes no bytecode, each of some thousand processes would compile the package again, and each of xdist's
 # every test: a quarter of what a test of `truestroke run` computes.
@@ -87,7 +94,10 @@ class ByComputation(LoadScopeScheduling):
     """File by file, the tests of `ALONE` one by one; xdist's own groups do not work with pytest 9.2."""
 
     def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.partition("::")[0]
+        file, _, test = nodeid.partition("::")
+        beside = WITH.get(test[test.find("[") :]) if "[" in test else None
+        if beside:
+            return file.rpartition("/")[0] + f"/{beside}"
         return nodeid if file.endswith(ALONE) else file
 
     def _assign_work_unit(self, node: WorkerController) -> None:
@@ -161,7 +171,8 @@ def forked_helpers(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests of what happens in a run: its recorder, watchdogs and server are forks of this process.
 
     Fresh ones import NumPy and truestroke anew, for longer than the run takes. Those that `truestroke run` has in the
-    tests of the command are fresh.
+    tests of the command are fresh; where signals or the end of its process are what is tested, `forked.ForkedCommand`
+    is the command.
     """
     from forked import Forked
 

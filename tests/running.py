@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from forked import ForkedCommand
+
 from truestroke import FileError, Recording
 from truestroke.base import hdf5
 
@@ -52,13 +54,15 @@ def started(
 ) -> subprocess.Popen[str]:
     """The process, with this text as its configuration, when `there`: by default when 500 ticks are in its file.
 
-    It begins again, twice at most, where the machine stood still for longer than the configuration allows.
+    It is a fork of this one, but a fresh process in an environment of its own. It begins again, twice at most, where
+    the machine stood still for longer than the configuration allows.
     """
     Path("run.toml").write_text(config)
     command = [COMMAND, "run", "--config", "run.toml", "--json", *options]  # no status line, which is a process
     file = "run.new.h5" if "--overwrite" in options else "run.h5"
     for left in (2, 1, 0):
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=env)
+        start = subprocess.Popen if env else ForkedCommand
+        process = start(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=env)
         try:
             until(there or (lambda: rows(file) > 500), process=process)
             break

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from forked import ForkedCommand
 from running import COMMAND, until
 
 from truestroke.cli import main
@@ -302,7 +303,7 @@ def test_a_driver_that_fails_in_between() -> None:
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_signal_leaves_the_safe_voltage(number: int, code: int) -> None:
     configuration()
-    process = subprocess.Popen([COMMAND, "commission", "--config", "run.toml", "--yes"], stderr=subprocess.PIPE)
+    process = ForkedCommand([COMMAND, "commission", "--config", "run.toml", "--yes"], stderr=subprocess.PIPE)
     until(lambda: Path("volts").exists() and np.fromfile("volts").tolist() not in ([], [0.0]), process=process)
     process.send_signal(number)
     process.communicate(timeout=30)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from forked import ran
 from printed import assert_prints
 from sybil import Sybil
 from sybil.example import SybilFailure
@@ -38,9 +39,10 @@ def prose(page: Path) -> str:
 # ---- Examples ----------------------------------------------------------------------------------------------------
 
 
-# These start processes, or look at the machine: as a reader starts them. All others, and a simulated scan or learning,
-# spare the start of an interpreter.
+# These start processes, or look at the machine: each in a process of its own, which is a fork for those that move. All
+# others, and a simulated scan or learning, run in this one.
 OF_THEIR_OWN = {"run", "serve", "replay", "doctor"}
+FORKED = {"run", "scan", "learn"}
 
 
 def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:
@@ -49,15 +51,12 @@ def run_command(words: list[str], folder: Path) -> tuple[int, str, str]:
     if words[0] not in OF_THEIR_OWN and not (words[0] in {"scan", "learn"} and "--config" in words):
         called = CliRunner().invoke(main, words, env=env, catch_exceptions=False)
         return called.exit_code, called.stdout, called.stderr
-    done = subprocess.run(
-        [Path(sys.executable).with_name("truestroke"), *words],
-        cwd=folder,
-        env={**os.environ, **env},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    command = [Path(sys.executable).with_name("truestroke"), *words]
+    if words[0] in FORKED:
+        done = ran(command, cwd=folder, env=env, timeout=300)
+    else:
+        printed = {"capture_output": True, "text": True}
+        done = subprocess.run(command, cwd=folder, env={**os.environ, **env}, timeout=300, check=False, **printed)
     return done.returncode, done.stdout, done.stderr
 
 

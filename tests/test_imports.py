@@ -55,6 +55,11 @@ def test_a_run_of_a_configuration_identifies_nothing(tmp_path):
     assert loaded.isdisjoint({"scipy", "matplotlib", "jinja2"})
 
 
+def test_what_reads_records_and_models_needs_numpy_alone():
+    """scipy.signal was imported for one filter: three quarters of what `import truestroke.identification` took."""
+    assert modules_after("import truestroke.identification, truestroke.identification.dynamics").isdisjoint(HEAVY)
+
+
 @pytest.mark.parametrize("name", truestroke.__all__)
 def test_every_public_name_is_there(name):
     assert getattr(truestroke, name) is not None

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from forked import ForkedCommand, ran
 from running import COMMAND, until
 from test_docs import assert_prints
 
@@ -605,7 +606,7 @@ def run_in_time(fake: Fake, ticks: int, fault: str = "") -> tuple[float, subproc
             config + RUN.format(rate=rate, cutoff=rate / 50, duration=ticks / rate, timeout=timeout)
         )
         command = [COMMAND, "run", "--config", "run.toml", "--json"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        done = ran(command, timeout=120)
         if "so at most" not in done.stderr:
             break
     return rate, done
@@ -706,7 +707,7 @@ def test_a_waveform_that_is_none_is_refused(bench) -> None:
 def test_a_signal_stops_the_wave_and_the_output_is_safe(bench, fake, stop, code) -> None:
     fake.make(realtime=True)
     command = [COMMAND, "play", "wave.csv", "--config", "stage.toml"]
-    running = subprocess.Popen(command, stderr=subprocess.PIPE)
+    running = ForkedCommand(command, stderr=subprocess.PIPE)
     until(lambda: fake.volts[0] >= 20.0, process=running)
     running.send_signal(stop)
     _, words = running.communicate(timeout=30)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import json
 import os
@@ -487,7 +486,7 @@ class StageDriver(SimulatedDriver):
 """
 
 
-def test_a_driver_of_another_package_is_run_by_its_name(tmp_path: Path) -> None:
+def test_a_driver_of_another_package_is_run_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A distribution that is installed: a module, and metadata with an entry point."""
     told = tmp_path / "site" / "stage-1.0.dist-info"
     told.mkdir(parents=True)
@@ -497,17 +496,17 @@ def test_a_driver_of_another_package_is_run_by_its_name(tmp_path: Path) -> None:
     text = config.example().replace('name = "simulated"', 'name = "mystage"\nport = "COM3"').replace("seed = 0 ", "# ")
     text = text.replace("sample_rate = 2000.0", "sample_rate = 1000.0").replace("duration = 20.0", "duration = 1.0")
     Path("run.toml").write_text(text)
-    run = functools.partial(
-        subprocess.run, env={**os.environ, "PYTHONPATH": str(told.parent)}, capture_output=True, text=True, check=False
-    )
-    done = run([COMMAND, "run", "--config", "run.toml"])
+    found = {**os.environ, "PYTHONPATH": str(told.parent)}
+    command = [COMMAND, "run", "--config", "run.toml"]
+    done = subprocess.run(command, env=found, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert Recording.load("run.h5").metadata["plant"]["settings"]["port"] == "COM3"
     Path("run.toml").write_text(text.replace('port = "COM3"', "prot = 3"))
-    done = run([COMMAND, "run", "--config", "run.toml"])
-    assert "driver.prot = 3: must be left out; did you mean port? There are name, port, sample_rate" in done.stderr
+    monkeypatch.syspath_prepend(told.parent)
+    said = call("--config", "run.toml")[1]
+    assert "driver.prot = 3: must be left out; did you mean port? There are name, port, sample_rate" in said
     Path("run.toml").write_text(text.replace('"mystage"', '"mystag"'))
-    done = run([COMMAND, "run", "--config", "run.toml"])
-    assert "driver.name = 'mystag': must be one of mystage, nidaqmx, nv200, pi, simulated, visa" in done.stderr
-    done = run([COMMAND, "doctor", "--json"])
-    assert "stagelib" in {finding["what"] for finding in json.loads(done.stdout)["findings"]}
+    said = call("--config", "run.toml")[1]
+    assert "driver.name = 'mystag': must be one of mystage, nidaqmx, nv200, pi, simulated, visa" in said
+    examined = CliRunner().invoke(main, ["doctor", "--json"])
+    assert "stagelib" in {finding["what"] for finding in json.loads(examined.stdout)["findings"]}

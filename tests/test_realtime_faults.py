@@ -275,9 +275,7 @@ class Death:
 
 
 def watchdog_of(process: subprocess.Popen[str]) -> int:
-    return next(
-        child for child in children(process.pid) if Path(f"/proc/{child}/cmdline").read_bytes().endswith(b"\0watch\0")
-    )
+    return next(child for child in children(process.pid) if Path(f"/proc/{child}/comm").read_text() == "watch\n")
 
 
 def with_the_watchdog(number: int, last: int = signal.SIGKILL) -> Callable[[subprocess.Popen[str]], None]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fakes.lines import GAIN, PLANT, Instrument
+from forked import ran
 
 import truestroke
 from truestroke import SettingError, plant, trajectories
@@ -360,5 +361,5 @@ def test_the_configuration_of_the_page_runs_until_the_connection_is_lost(
     assert toml.read(tmp_path / "run.toml")["driver"]["name"] == "visa"
     instrument.fault = "POS1?:60:drop"
     command = [Path(sys.executable).with_name("truestroke"), "run", "--config", "run.toml", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    done = ran(command, cwd=tmp_path, timeout=120)
     assert (done.returncode, instrument.volts) == (12, SAFE[0]), done.stderr

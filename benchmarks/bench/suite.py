@@ -150,7 +150,7 @@ def ticks(settings: ControllerSettings, name: str, steps: int) -> list[Cost]:
 
     return [
         time_steps(tick, steps, idle=idle, way="Python, step by step", **about),
-        time_steps(block, max(steps // BLOCK, 200), BLOCK, way=f"Python, blocks of {BLOCK}", **about),
+        time_steps(block, max(2 * steps // BLOCK, 20), BLOCK, way=f"Python, blocks of {BLOCK}", **about),
     ]
 
 

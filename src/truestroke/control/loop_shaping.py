@@ -26,6 +26,7 @@ STEPS = 25  # of Newton's method, at most, for each mu
 NEAR = 0.03  # of mu: the expected gain below which a minimum is near enough
 ARMIJO = 0.1  # of the expected gain: what a step has to gain
 SHORTEST = 1e-4  # of a step of Newton
+PIECE = 256  # rows whose products are summed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +169,11 @@ def _slope(p: Problem, loops: ComplexArray, point: _Point, mu: float) -> tuple[F
 
 
 def _gram(columns: FloatArray) -> FloatArray:
-    """Sums of the products of each two columns."""
-    rows = np.ascontiguousarray(columns.T)
-    return np.asarray(np.einsum("ik,jk->ij", rows, rows))
+    """Sums of the products of each two columns: in pieces so small that a BLAS takes no threads for them."""
+    rows = np.ascontiguousarray(columns)
+    whole = len(rows) - len(rows) % PIECE
+    parts, rest = rows[:whole].reshape(-1, PIECE, rows.shape[1]), rows[whole:]
+    return np.asarray(np.matmul(parts.transpose(0, 2, 1), parts).sum(axis=0) + rest.T @ rest)
 
 
 def _step(p: Problem, loops: ComplexArray, point: _Point, mu: float) -> tuple[_Point, bool] | None:

@@ -145,8 +145,8 @@ class Layout:
     @cached_property
     def a(self) -> Places:
         """Places of the weights a of all plays, shape (n,)."""
-        before = [sum(j < i for j in self.rate_dependent) for i in range(len(self.thresholds))]
-        return np.arange(len(self.thresholds)) + np.array(before, dtype=np.intp)
+        places = np.arange(len(self.thresholds))
+        return places + np.searchsorted(np.sort(self.rate_plays), places)
 
     @cached_property
     def rate_plays(self) -> Places:

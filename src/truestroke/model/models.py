@@ -194,9 +194,9 @@ def weighted_sum(slopes: FloatArray, y: FloatArray) -> FloatArray:
     >>> float(weighted_sum(np.array([8.0, 10.0]), np.array([1.0, 0.5])))
     9.0
     """
-    after = np.zeros(y.size)
-    after[:-1] = y[1:]
-    return dot(slopes, y - after)
+    steps = y.copy()
+    steps[:-1] -= y[1:]
+    return dot(slopes, steps)
 
 
 def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[FloatArray, bool]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from operator import add
+
 import numpy as np
 import numpy.typing as npt
 
@@ -107,6 +110,7 @@ def dead_zone(y: npt.ArrayLike, d: npt.ArrayLike) -> FloatArray:
 
 LANES = 8
 """Interleaved sums in which all sums of products run: TS_LANES of the kernel."""
+REST = [[0.0] * (-n % LANES) for n in range(LANES)]  # behind n values of the last of the sums
 FEW = 5  # blocks of so many lanes, of which plain floats have the sum sooner than arrays
 
 
@@ -134,14 +138,15 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     array([12., 34.])
     """
     products = a * b
+    if products.ndim == 1 and products.size <= FEW * LANES:  # plain floats have the same sums in half the time
+        values: list[float] = products.tolist()
+        values += REST[len(values) % LANES] if values else REST[0] + [0.0] * LANES
+        sums: Iterable[float] = values[:LANES]
+        for k in range(LANES, len(values), LANES):
+            sums = map(add, sums, values[k : k + LANES])
+        return _total(sums)
     *outer, n = products.shape
     blocks = max(1, -(-n // LANES))
-    if not outer and blocks <= FEW:  # plain floats have the same sums in half the time
-        values = [*products.tolist(), *[0.0] * (blocks * LANES - n)]
-        sums = values[:LANES]
-        for k in range(LANES, len(values)):
-            sums[k % LANES] += values[k]
-        return _total(sums)
     padded = np.zeros((*outer, blocks * LANES))
     padded[..., :n] = products
     lanes: FloatArray = np.add.reduce(padded.reshape(*outer, blocks, LANES), axis=-2)  # row by row
@@ -152,6 +157,6 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return lanes[..., 0]
 
 
-def _total(lanes: list[float]) -> FloatArray:
+def _total(lanes: Iterable[float]) -> FloatArray:
     a0, a1, a2, a3, a4, a5, a6, a7 = lanes
     return np.float64(((a0 + a4) + (a2 + a6)) + ((a1 + a5) + (a3 + a7)))  # type: ignore[return-value]

@@ -1,7 +1,7 @@
 """From the first samples of a record to a model: dead time, structure, stage, branches, weights."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,12 @@ def fit_samples(
     coarse = data_of(s, samples, CHOICE_ROWS)
     _refuse_still(coarse)
     found = time_constants(s, coarse, delay, certain)
-    if found.undecided and not _is_late(data_of(s, samples, LATE_ROWS), found, fixed):
-        found = found.neither
-    coarse, chosen = _behind_response(coarse, found, fixed)
+    behind = None
+    if found.undecided:
+        few = data_of(s, samples, LATE_ROWS)
+        found, decided = _decided(few, found, fixed)
+        behind = decided if few.every == coarse.every else None  # of the same rows
+    coarse, chosen = behind or _behind_response(coarse, found, fixed)
     structure, weight, guess, tried = chosen
     fine = dataclasses.replace(data_of(s, samples, ROWS), delay=found.delay, time_constant=found.time_constant)
     resonant = fixed["modes"] and _resonances(s, coarse, fixed, chosen, before)
@@ -107,13 +110,19 @@ def _behind_response(coarse: Data, found: Response, fixed: Mapping[str, Any]) ->
     return data, (structure, weight, guess, tried)
 
 
-def _is_late(data: Data, found: Response, fixed: Mapping[str, Any]) -> bool:
-    """Whether the final model keeps a dead time and lag of which the quick model of `find_response` is not sure.
+def _decided(data: Data, found: Response, fixed: Mapping[str, Any]) -> tuple[Response, tuple[Data, _Chosen]]:
+    """The dead time and lag of which the quick model of `find_response` is not sure, or neither; and what is behind."""
+    both = [_behind_response(data, response, fixed) for response in (found.neither, found)]
+    late = _is_late(both, fixed)
+    return found if late else found.neither, both[late]
+
+
+def _is_late(both: Sequence[tuple[Data, _Chosen]], fixed: Mapping[str, Any]) -> bool:
+    """Whether the final model, without a dead time and lag and with them, keeps them.
 
     It does unless it predicts later blocks better without: branches may explain what looks like a lag to plays. Both
     are compared with branches where either would take them: what these must lower is another rmse for each.
     """
-    both = [_behind_response(data, response, fixed) for response in (found.neither, found)]
     without, late = (chosen[-1][-1].rmse for _, chosen in both)
     if without >= late or not fixed["branches"]:
         return without >= NEITHER_IF * late

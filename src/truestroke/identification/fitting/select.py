@@ -153,6 +153,7 @@ class _Blocks:
     data: Data
     _pulls: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
     _within: dict[Structure, tuple[FloatArray, ...]] = field(default_factory=dict, init=False)
+    _rmse: dict[tuple[Structure, float], float] = field(default_factory=dict, init=False)
 
     def within(self, s: Structure) -> tuple[FloatArray, ...]:
         """`before` of the columns of a structure, reduced once for all weights of the prior."""
@@ -169,6 +170,11 @@ class _Blocks:
 
     def rmse(self, s: Structure, weight: float) -> float:
         """Of each block as the fit to all before it predicts it, um."""
+        if (s, weight) not in self._rmse:
+            self._rmse[s, weight] = self._rmse_of(s, weight)
+        return self._rmse[s, weight]
+
+    def _rmse_of(self, s: Structure, weight: float) -> float:
         pull, columns = self.pull(s, weight), np.append(s.columns_in(self.full), -1)
         total = 0.0
         for left_out, before in zip(self.left_out, self.within(s), strict=True):

@@ -86,10 +86,11 @@ def _rests(x: FloatArray) -> Iterator[tuple[int, int]]:
     mean = np.add.reduceat(x, edges[:-1]) / rows
     off = x - np.repeat(mean, rows)
     quiet = np.sqrt(np.add.reduceat(off * off, edges[:-1]) / rows) <= STILL * span
-    start = 0
-    while start < rows.size:
-        away = np.flatnonzero(~(quiet[start:] & (np.abs(mean[start:] - mean[start]) <= STILL * span)))
-        stop = start + (int(away[0]) if away.size else rows.size - start)
+    levels, still, start = mean.tolist(), quiet.tolist(), 0
+    while start < len(levels):
+        stop, level = start, levels[start]
+        while stop < len(levels) and still[stop] and abs(levels[stop] - level) <= STILL * span:
+            stop += 1
         if stop > start + 1:
             yield int(edges[start]), int(edges[stop])
         start = max(stop, start + 1)

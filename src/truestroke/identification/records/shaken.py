@@ -1,7 +1,6 @@
 """A stage that is shaken by steps of its voltage: the sign of its gain is not that of the correlation."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from truestroke.base.typing import FloatArray
 
@@ -29,6 +28,7 @@ def shaken(x: FloatArray, z: FloatArray) -> float:
 
     Examples
     --------
+    >>> from scipy.signal import lfilter
     >>> x = np.repeat(np.tile([0.0, 1.0], 100), 25)
     >>> z = lfilter([0.0, 0.06], [1.0, -1.93, 0.99], x)  # a period of 25 rows
     >>> [round(shaken(x, moved), 3) for moved in (z, -z, x)]
@@ -64,6 +64,8 @@ def _fitted(x: FloatArray, z: FloatArray, instrument: FloatArray) -> list[float]
 
 def _answer(mode: list[float], x: FloatArray) -> FloatArray:
     """What a mode makes of `x`; one that grows is slowed down."""
+    from scipy.signal import lfilter  # all of scipy.signal takes longer to import than the package
+
     a1, a2, *b = mode
     shrink = min(1.0, SLOWED / max(float(np.abs(np.roots([1.0, -a1, -a2])).max(initial=0.0)), SLOWED))
     return np.asarray(lfilter(b, [1.0, -a1 * shrink, -a2 * shrink**2], x))
