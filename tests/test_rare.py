@@ -124,7 +124,7 @@ def test_units_that_people_rather_write_otherwise(good: tuple[FloatArray, FloatA
 def test_a_clock_in_another_unit(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
     """The record turns a row late: a row of 1 s is no row of an actuator."""
     x, z = good
-    assert "in ms? State" in asked(written(tmp_path, x, z, rate=1.0))[0]
+    assert "in ms? If so, write ms in the heading of the file" in asked(written(tmp_path, x, z, rate=1.0))[0]
     assert "in a smaller unit" in asked(written(tmp_path, x, z, "t (ms),volts (V),z (um)", rate=1e-3))[0]
     np.savetxt(tmp_path / "b.csv", np.column_stack([x, z]), delimiter=",", header="volts (V),z (um)", comments="")
     assert "is the given sample rate of 1 Hz in kHz?" in asked(tmp_path / "b.csv", sample_rate=1.0)[0]

@@ -18,7 +18,6 @@ from truestroke import (
     trajectories,
 )
 from truestroke.control.repeating.repetition import RepetitionSettings, kernel_repetition
-from truestroke.plant import StagePlant, StageSettings
 from truestroke.runtime.realtime import motion
 
 RATE = 10_000.0  # Hz
@@ -110,20 +109,16 @@ def _lines(period: float | None, words: str, steps: int) -> Cost:
 
 def learning(steps: int) -> list[Cost]:
     """A pass of iterative learning: what it takes when it is over, divided by its ticks."""
-    stage = StagePlant(StageSettings(sample_rate=RATE, resonances=RESONANCES[:1]))
-    stage.open()
     lines = trajectories.raster(frequency=LINES, peak_to_peak=20.0, offset=12.0, duration=1.0, sample_rate=RATE)
     law = IterativeLearning(lines, gain=9.0, dynamics=_dynamics(RESONANCES[0]), voltage_limits=USUAL["voltage_limits"])
-    measured = stage.exchange(np.tile(law.volts, PERIODS + 4))[4 * law.samples :]
+    rows = PERIODS * law.samples
 
     def one(_: int) -> None:
-        law.learn(measured)
+        law.learn(9.0 * np.tile(law.volts, PERIODS))  # a stage without hysteresis
 
     about = {"plays": 0, "parameters": law.samples // 2 + 1}
     name = f"learning of {PERIODS} lines of {law.samples} ticks"
-    return [
-        time_steps(one, max(steps // measured.size, 20), measured.size, what="axes", name=name, way="NumPy", **about)
-    ]
+    return [time_steps(one, max(steps // rows, 20), rows, what="axes", name=name, way="NumPy", **about)]
 
 
 def _dynamics(frequency: float) -> Dynamics:
