@@ -17,6 +17,7 @@ import truestroke
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import AdaptiveController
+from truestroke.control.reference.hum import EARS, HEARD
 from truestroke.control.repeating.repetition import RepetitionSettings
 from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings, kernel_settings
@@ -210,8 +211,8 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
         "TS_MAX_SENSED": settings.parameters if members["sensor.share"] or members["sensor.lag"] else 1,
         "TS_SECTIONS": max(1, *(members[f"dynamics.{kind}"] for kind in ("sections", "others", "modes"))),
         "TS_FEEDBACKS": max(1, members["feedback.filters"]),
-        "TS_LINES": members["hum.lines"] + 2,
-        "TS_EARS": 8 if settings.law == "kalman" else 1,
+        "TS_LINES": members["hum.lines"] + HEARD,
+        "TS_EARS": EARS if settings.law == "kalman" else 1,
         "TS_HISTORY": needed if history is None else history,
     }
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truestroke.base.typing import FloatArray
+from truestroke.control import feedback
 from truestroke.control.angles import tangent
 from truestroke.control.tone import ToneDetector
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from truestroke.control.reference.state import State
 
 HEARD = 2  # loads that nobody has named, at most: TS_HEARD of the kernel
-LINES = 6 + HEARD  # at most, with those that are named: TS_LINES
+LINES = feedback.LINES + HEARD  # at most, with those that are named: TS_LINES
 FOLLOWED = 20  # 1/s: how fast their amplitudes follow
 FORGOTTEN = 4  # 1/s: how fast they decay without measurements
 LARGEST_HUM = 0.02  # of the stroke: of one line
