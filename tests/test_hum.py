@@ -36,11 +36,11 @@ def followed(plant: StageSettings, *, motion: float = 3.0, **known: object) -> t
 
 
 def with_the_same_bits(
-    settings: ControllerSettings, f0: float, wave: Trajectory, *, ticks: int, missing: int
+    settings: ControllerSettings, shaken: StageSettings, wave: Trajectory, *, ticks: int, missing: int
 ) -> AdaptiveController:
     """Each tick as that of the NumPy text, on a stage that is shaken; one measurement in `missing` is lost."""
     controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant = StagePlant(stage(f0, 0.3), seed=1)
+    plant = StagePlant(shaken, seed=1)
     plant.open()
     for k, z_d in enumerate(wave.position[:ticks].tolist()):
         motion = z_d, float(wave.velocity[k]), float(wave.acceleration[k])
@@ -133,6 +133,34 @@ def test_a_load_of_which_nobody_knows_is_no_burst_of_the_law() -> None:
     assert np.abs(error).max() < 0.5
 
 
+@pytest.mark.parametrize(("load", "given"), [(20.0, {}), (25.0, {"resonance": 600.0}), (25.0, {"dynamics": None})])
+def test_a_load_that_the_law_follows_is_heard(load: float, given: dict[str, object]) -> None:
+    """0.3 um beside a motion of 1 Hz: the error has a tenth of it."""
+    plant = stage(600.0, 0.3, hysteresis_kind="preisach", hum_frequency=load)
+    known = {"dynamics": plant.dynamics()} if "dynamics" in given else given
+    error, controller = followed(plant, motion=1.0, **known)
+    assert controller.load[0] == pytest.approx(load, abs=0.3)
+    assert np.abs(error).max() < 0.5 * 0.3
+
+
+OF_NO_STAGE = stage(212.1, 0.1227, hysteresis_kind="preisach", dampings=(0.02137,), hum_frequency=60.35)
+
+
+def test_a_load_that_was_taken_for_the_stage_is_forgotten_there() -> None:
+    """It took 60 Hz for the resonance, to the end: errors of 1.2 um, where the load has 0.12."""
+    error, controller = followed(OF_NO_STAGE, motion=5.968)
+    assert controller.resonance == pytest.approx(212.1, rel=0.1)
+    assert np.abs(error).max() < 0.1
+
+
+def test_a_load_that_is_forgotten_has_the_bits_of_the_numpy_text() -> None:
+    settings = ControllerSettings(**AXIS)
+    wave = trajectories.sine(frequency=5.968, peak_to_peak=12.0, offset=9.9, duration=1.0, sample_rate=10_000.0)
+    controller = with_the_same_bits(settings, OF_NO_STAGE, wave, ticks=9000, missing=1397)
+    assert controller.load[0] == pytest.approx(60.35, abs=1.0)
+    assert not controller.resonance < 100  # or none is known
+
+
 def test_two_loads_are_heard() -> None:
     """0.2 um at 71 Hz, and as much at 31 Hz."""
     rate = AXIS["sample_rate"]
@@ -169,7 +197,7 @@ def test_the_kernel_has_the_bits_of_the_numpy_text(f0: float, given: dict[str, o
     """Past the first 0.25 s, where the command begins to subtract it; measurements are missing."""
     settings = ControllerSettings(**AXIS, **given)
     wave = trajectories.sine(frequency=8.0, peak_to_peak=12.0, offset=10.0, duration=0.6, sample_rate=10_000.0)
-    with_the_same_bits(settings, f0, wave, ticks=4200, missing=97)
+    with_the_same_bits(settings, stage(f0, 0.3), wave, ticks=4200, missing=97)
 
 
 def test_lines_that_are_added_while_a_load_is_heard_have_the_bits_of_the_numpy_text() -> None:
@@ -273,7 +301,7 @@ def test_the_verdict_of_one_axis_of_several_names_its_load(by_name: bool) -> Non
 def test_the_kernel_hears_with_the_bits_of_the_numpy_text(f0: float, given: dict[str, object]) -> None:
     settings = ControllerSettings(**AXIS, **given)
     wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=10_000.0)
-    controller = with_the_same_bits(settings, f0, wave, ticks=9500, missing=1397)
+    controller = with_the_same_bits(settings, stage(f0, 0.3), wave, ticks=9500, missing=1397)
     assert controller.load[0] == pytest.approx(LINE, abs=1.0)
 
 

@@ -548,7 +548,13 @@ typedef struct {
 typedef struct {
     ts_real centre;                   /* cycles per tick: about which a load is looked for; 0: it has not begun */
     ts_tone tone;
+    int of_error;                     /* 1: in the error, in place of what the first weights do not explain */
 } ts_ear;
+
+typedef struct {
+    ts_real expected, z;              /* um: means of the plays with their first weights, and of the measurement, */
+    ts_real square, product;          /* um^2 s: and what was summed beside them; 0: it has not begun */
+} ts_unexplained;
 
 typedef struct {
     ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
@@ -556,6 +562,7 @@ typedef struct {
     ts_real heard[TS_HEARD][3];       /* lines of loads that nobody has named; 0: none was heard */
     ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
     ts_real subtracted;               /* um: of the last command */
+    ts_unexplained unexplained;
     ts_ear ear[TS_EARS];
     ts_real regressor[TS_LINES][2][TS_PADDED(TS_MAX_PARAMETERS)]; /* V or um: what has the frequency of each line in the regressor of the law */
     ts_real measurement[TS_LINES][2]; /* um: in what belongs to it */

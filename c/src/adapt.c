@@ -398,7 +398,7 @@ static bool measure(ts_controller *c, ts_real z)
     else if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0 && !staged) ts_watch_stage(c, error, d->zdot_d, ts_was_good(c) ? limited : at_limit);
     if (s->law == TS_LAW_KALMAN && s->oscillation.tick > 0) {
         ts_forget_hum(c);
-        ts_listen(c, error, d->zdot_d);
+        ts_listen(c, error, z, d->zdot_d, used);
         ts_watch_resonance(c, alone, error, d, staged);
     }
     if (s->law == TS_LAW_KALMAN) {

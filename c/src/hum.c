@@ -14,6 +14,8 @@
 #define LOWEST_LOAD 10                 /* Hz: where it ends, */
 #define NEXT_LOAD ((ts_real)0.6)      /* and how it goes down, */
 #define NEXT_OF_EAR ((ts_real)0.01679616)  /* that of each detector eight times as fast */
+#define MEAN_OF 1                      /* s: of the mean of what the first weights explain */
+#define LARGE_MOTION ((ts_real)0.1)   /* of the stroke: rms of a motion, of which a second is remembered */
 #define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, where no stage rings, but the law still learns */
 #define BLOCKS_HEARD 10               /* of a centre */
 #define BEGINS 5                      /* times 1 / HUM_FOLLOWED: until then the amplitudes are not known */
@@ -154,20 +156,31 @@ bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude)
     return false;
 }
 
+/* What was taken for the stage is a load. */
+static void forget_taken(ts_controller *c)
+{
+    ts_forget_stage(c);
+    ts_keep_command(c);
+}
+
+/* Whether the resonance is that of the settings, and no load. */
+static bool knows_resonance(const ts_controller *c)
+{
+    return c->settings->resonance > 0 || c->settings->dynamics.known;
+}
+
 /* When the amplitudes are known: what was taken for the stage before is forgotten where it is the loudest line. */
 void ts_forget_hum(ts_controller *c)
 {
     const ts_settings *s = c->settings;
-    bool given = s->resonance > 0 || s->dynamics.known;
-    if (lines_of(c) == 0 || given || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
+    if (lines_of(c) == 0 || knows_resonance(c) || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
     ts_real most = LOUD_LINE * s->stroke;
     for (int i = 0; i < lines_of(c); i++) {
         ts_real size = size_of_line(c, i);
         if (size > most) most = size;
     }
     if (!ts_is_hum(c, c->stage.resonance, most)) return;
-    ts_forget_stage(c);
-    ts_keep_command(c);
+    forget_taken(c);
 }
 
 /* The first resonance of the stage, cycles per tick; 0: it is not known. */
@@ -214,52 +227,96 @@ static int quietest_line(const ts_controller *c)
     return place;
 }
 
+/* Whether a tone that neither decays nor grows has the frequency of a resonance that nobody gave: a load was taken for the stage. */
+static bool was_taken_for_stage(const ts_controller *c, ts_real frequency, bool steady)
+{
+    return steady && !knows_resonance(c) && c->stage.resonance > 0 && size_of(frequency / c->stage.resonance - 1) < OF_LINE;
+}
+
 /* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and louder than the noise. Where as
- * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. */
-static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
+ * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. Returns whether it was taken for the stage;
+ * it may be only where it is `steady`. */
+static bool hear_load(ts_controller *c, ts_real frequency, ts_real amplitude, bool steady)
 {
     ts_hum_state *h = &c->hum;
     int named = c->settings->hum.lines, place = lines_of(c);
     ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
     const ts_real line[3] = {(1 - g * g) / all, 2 * g / all, w};
     bool audible = amplitude > c->law.kalman.sigma && amplitude <= LARGEST_HUM * c->settings->stroke;
-    if (!audible || is_near_resonance(c, line)) return;
+    bool taken = was_taken_for_stage(c, frequency, steady);
+    if (!audible || (is_near_resonance(c, line) && !taken)) return false;
     for (int i = 0; i < lines_of(c); i++)
-        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
+        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return taken;
     if (place == named + TS_HEARD) {
         place = quietest_line(c);
-        if (amplitude < AS_LOUD * size_of_line(c, place)) return;
+        if (amplitude < AS_LOUD * size_of_line(c, place)) return false;
     }
     memcpy(h->heard[place - named], line, sizeof line);
     h->sine[place][0] = h->sine[place][1] = h->over[place] = 0;
     memset(h->regressor[place], 0, sizeof h->regressor[place]);
     h->measurement[place][0] = h->measurement[place][1] = 0;
+    return taken;
 }
 
-/* One tick of a detector, whose centres begin at `first`, cycles per tick, and end at `lowest`. */
-static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real lowest, ts_real error, ts_real zdot_d)
+/* What a measurement has beside a straight line of the plays with their first weights, um: a load that the law follows is in it, too.
+ * The line is that of motion that no load makes. */
+static ts_real unexplained(ts_controller *c, ts_real z, bool used)
 {
-    bool anew = !(e->centre > 0);
+    const ts_settings *s = c->settings;
+    ts_unexplained *f = &c->hum.unexplained;
+    ts_real tick = s->oscillation.tick, rate = tick / MEAN_OF, least = LARGEST_HUM * s->stroke, large = LARGE_MOTION * s->stroke, expected = 0;
+    for (int i = 0, at = 0; i < s->plays; at += 1 + s->rate_dependent[i++]) expected += c->kept.first[at] * c->lagged.play[i];
+    if (!(f->square > 0)) {
+        f->expected = expected;
+        f->z = z;
+        f->square = f->product = least * least * tick;
+    }
+    if (used) {
+        f->expected += (rate < 1 ? rate : 1) * (expected - f->expected);
+        f->z += (rate < 1 ? rate : 1) * (z - f->z);
+    }
+    ts_real x = within(expected - f->expected, -TS_LARGEST, TS_LARGEST), y = within(z - f->z, -TS_LARGEST, TS_LARGEST);
+    if (used && size_of(x) > least) {
+        f->square += tick * x * x;
+        f->product += tick * x * y;
+        ts_real most = large * large, kept = f->square > most ? most / f->square : 1;
+        f->square *= kept;
+        f->product *= kept;
+    }
+    return y - f->product / f->square * x;
+}
+
+/* One tick of a detector, whose centres begin at `first`, cycles per tick, and end at `lowest`; each time it begins again it is that of the
+ * other signal. Returns whether it has heard a load that was taken for the stage. */
+static bool listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real lowest, const ts_real *signals, ts_real zdot_d)
+{
+    bool anew = !(e->centre > 0), taken = false;
     if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
         ts_real shown = ts_tone_of_load(&e->tone, STEADY_LOAD);
-        if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&e->tone));
+        if (shown > 0) taken = hear_load(c, shown, ts_tone_amplitude(&e->tone), ts_tone_of_load(&e->tone, TS_STEADY_TONE) > 0);
         e->centre *= NEXT_OF_EAR;
+        if (e->centre < lowest) e->of_error = 1 - e->of_error;
         anew = true;
     }
     if (e->centre < lowest) e->centre = first;
     if (anew) ts_tone_begin(&e->tone, e->centre);
-    ts_tone_tick(&e->tone, error, zdot_d);
+    ts_tone_tick(&e->tone, signals[e->of_error], zdot_d);
+    return taken;
 }
 
 /* One tick of the search for a load: each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards,
- * or, where it is not known, from HIGHEST_LOAD. error: measured less desired, um. */
-void ts_listen(ts_controller *c, ts_real error, ts_real zdot_d)
+ * or, where nobody gave it, from HIGHEST_LOAD at least. error: measured z less desired, um. */
+void ts_listen(ts_controller *c, ts_real error, ts_real z, ts_real zdot_d, bool used)
 {
     ts_real tick = c->settings->oscillation.tick, first = NEAR_RESONANCE * first_resonance(c), lowest = LOWEST_LOAD * tick;
     if (c->settings->trim > 0) return;
-    if (!(first > 0)) first = within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
+    ts_real least = knows_resonance(c) ? 0 : within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
+    if (first < least) first = least;
+    const ts_real signals[2] = {unexplained(c, z, used), error};
+    bool taken = false;
     for (int i = 0; i < TS_EARS; i++) {
-        if (first >= lowest) listen_about(c, &c->hum.ear[i], first, lowest, error, zdot_d);
+        if (first >= lowest && listen_about(c, &c->hum.ear[i], first, lowest, signals, zdot_d)) taken = true;
         first *= NEXT_LOAD;
     }
+    if (taken) forget_taken(c);
 }

@@ -194,6 +194,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     for (int i = 0; i < TS_EARS; i++) {
         visit(("ear_" + std::to_string(i)).c_str(), &c.hum.ear[i].centre, 1 + offsetof(ts_tone, block) / sizeof(ts_real));
         visit(("ear_ticks_" + std::to_string(i)).c_str(), &c.hum.ear[i].tone.block, 5);
+        visit(("ear_of_error_" + std::to_string(i)).c_str(), &c.hum.ear[i].of_error, 1);
     }
     for (int i = 0; i < 2 * (c.settings->hum.lines + TS_HEARD); i++) {
         visit(("hum_regressor_" + std::to_string(i)).c_str(), &c.hum.regressor[i / 2][i % 2][0], m);
@@ -364,11 +365,13 @@ void check_kalman(const ts_controller &c) {
         ts_real length = turn[0] * turn[0] + turn[1] * turn[1];
         require_all("hum", length > static_cast<ts_real>(0.99) && length < static_cast<ts_real>(1.01) && c.hum.over[i] >= 0, "phasors of length 1, and times of 0 or more");
     }
+    require_all("hum", c.hum.unexplained.square >= 0, "a sum of squares of 0 or more");
     for (const auto &line : c.hum.heard) require_all("hum", line[2] >= 0, "frequencies of 0 or more");
     for (int i = 0; i < TS_EARS; i++) {
         const ts_ear &e = c.hum.ear[i];
         std::string name = "ear_" + std::to_string(i), ticks = "ear_ticks_" + std::to_string(i);
         require_all(name.c_str(), e.centre >= 0 && e.centre < 1, "a frequency of 0 or more");
+        require_range(("ear_of_error_" + std::to_string(i)).c_str(), e.of_error, 0, 1);
         check_tone(name.c_str(), ticks.c_str(), e.tone, e.centre > 0);
     }
     ts_real lowest = lowest_resonance(c); // the law waits for a period of a stage that was found

@@ -22,8 +22,9 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control import feedback
+from truestroke.control.adaptation import LARGEST
 from truestroke.control.angles import tangent
-from truestroke.control.tone import ToneDetector
+from truestroke.control.tone import STEADY_TONE, ToneDetector
 
 if TYPE_CHECKING:
     from truestroke.control.reference.state import State
@@ -44,6 +45,8 @@ FASTEST_LOAD = 0.1  # and cycles per tick: where the search for a load begins, i
 LOWEST_LOAD = 10  # Hz: where it ends,
 NEXT_LOAD = 0.6  # and how it goes down,
 NEXT_OF_EAR = 0.01679616  # that of each detector eight times as fast
+MEAN_OF = 1  # s: of the mean of what the first weights explain
+LARGE_MOTION = 0.1  # of the stroke: rms of a motion, of which a second is remembered
 STEADY_LOAD = 0.8  # as `STEADY_TONE`, where no stage rings, but the law still learns
 BLOCKS_HEARD = 10  # of a centre
 BEGINS = 5  # times 1 / FOLLOWED: until then the amplitudes are not known
@@ -56,6 +59,17 @@ class Ear:
 
     centre: float = 0.0  # cycles per tick: about which; 0: it has not begun
     tone: ToneDetector | None = None  # begun, of that centre
+    of_error: bool = False  # in the error, in place of what the first weights do not explain
+
+
+@dataclass
+class Unexplained:
+    """Means and sums of a straight line through measurements: ts_unexplained of the kernel."""
+
+    expected: float = 0.0  # um: mean of the plays with their first weights,
+    z: float = 0.0  # and of the measurement
+    square: float = 0.0  # um^2 s: what was summed beside them; 0: it has not begun
+    product: float = 0.0
 
 
 @dataclass
@@ -67,6 +81,7 @@ class Hum:
     heard: list[tuple[float, float, float]] = field(default_factory=list)  # lines of loads that nobody has named
     over: list[float] = field(default_factory=lambda: [0.0] * LINES)  # s: at that bound, without a break
     ears: list[Ear] = field(default_factory=lambda: [Ear() for _ in range(EARS)])
+    unexplained: Unexplained = field(default_factory=Unexplained)
     subtracted: float = 0.0  # um: of the last command
     regressor: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)  # of a line: V or um
     measurement: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um
@@ -199,51 +214,105 @@ def subtracted(c: State) -> tuple[float, float]:
     return total, ahead
 
 
-def hear(c: State, frequency: float, amplitude: float) -> None:
+def knows_resonance(c: State) -> bool:
+    """Whether the resonance is that of the settings, and no load."""
+    return bool(c.members["resonance"] > 0 or c.members["dynamics.known"])
+
+
+def was_taken_for_stage(c: State, frequency: float, steady: bool) -> bool:
+    """Whether a tone that neither decays nor grows has the frequency of a resonance that nobody gave."""
+    shown = steady and not knows_resonance(c) and c.stage.resonance > 0
+    return shown and abs(frequency / c.stage.resonance - 1) < OF_LINE
+
+
+def hear(c: State, frequency: float, amplitude: float, steady: bool) -> bool:
     """A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet.
 
     It is louder than the noise. Where as many as can be were heard before it takes the place of the quietest one, if it
-    is twice as loud.
+    is twice as loud. Returns whether it was taken for the stage; it may be only where it is `steady`.
     """
     g, hum, named = tangent(math.pi * frequency), c.hum, len(c.members["hum.line"])
     whole = 1 + g * g
     w = 2 * math.pi * frequency / c.oscillation.tick
     line, place = ((1 - g * g) / whole, 2 * g / whole, w), len(hum.heard)
-    same = any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c))
     sigma = c.filtering.sigma if c.filtering is not None else 0.0
     audible = sigma < amplitude <= LARGEST_HUM * c.settings.stroke
-    if not audible or is_near_resonance(c, line) or same:
-        return
+    taken = was_taken_for_stage(c, frequency, steady)
+    if not audible or (is_near_resonance(c, line) and not taken):
+        return False
+    if any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c)):
+        return taken
     if place == HEARD:
         place = min(range(HEARD), key=lambda i: size_of_line(c, named + i))
         if amplitude < AS_LOUD * size_of_line(c, named + place):
-            return
+            return False
     hum.heard[place : place + 1] = [line]
     place += named
     hum.sine[place], hum.over[place], hum.measurement[place] = [0.0, 0.0], 0.0, [0.0, 0.0]
     hum.regressor.pop(place, None)
+    return taken
 
 
-def listen(c: State, error: float, zdot_d: float) -> None:
-    """One tick of the search for a load; error: measured less desired, um.
+def unexplained(c: State, z: float, used: bool) -> float:
+    """What a measurement has beside a straight line of the plays with their first weights, um.
 
-    Each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards, or, where it
-    is not known, from HIGHEST_LOAD.
+    A load that the law follows is in it, too. The line is that of motion that no load makes.
+    """
+    f, tick = c.hum.unexplained, c.oscillation.tick
+    rate, least, large = min(tick / MEAN_OF, 1), LARGEST_HUM * c.settings.stroke, LARGE_MOTION * c.settings.stroke
+    expected = 0.0
+    for place, play in zip(c.settings.a.tolist(), c.lagged.play.tolist(), strict=True):
+        expected += float(c.kept.first[place]) * play
+    if not f.square > 0:
+        f.expected, f.z = expected, z
+        f.square = f.product = least * least * tick
+    if used:
+        f.expected += rate * (expected - f.expected)
+        f.z += rate * (z - f.z)
+    x, y = (min(max(beside, -LARGEST), LARGEST) for beside in (expected - f.expected, z - f.z))
+    if used and abs(x) > least:
+        f.square += tick * x * x
+        f.product += tick * x * y
+        most = large * large
+        kept = most / f.square if f.square > most else 1.0
+        f.square, f.product = kept * f.square, kept * f.product
+    return y - f.product / f.square * x
+
+
+def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float], zdot_d: float) -> bool:
+    """One tick of a detector, whose centres begin at `first`, cycles per tick.
+
+    Each time it begins again it is that of the other signal. Returns whether it has heard a load that was taken for the
+    stage.
+    """
+    lowest, taken = LOWEST_LOAD * c.oscillation.tick, False
+    if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
+        if (load := ear.tone.shown(STEADY_LOAD)) > 0:
+            taken = hear(c, load, ear.tone.amplitude, steady=ear.tone.shown(STEADY_TONE) > 0)
+        ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
+        if ear.centre < lowest:
+            ear.of_error = not ear.of_error
+    if ear.centre < lowest:
+        ear.centre = first
+    ear.tone = ear.tone or ToneDetector(ear.centre)
+    ear.tone.update(signals[ear.of_error], zdot_d)
+    return taken
+
+
+def listen(c: State, error: float, z: float, zdot_d: float, used: bool) -> bool:
+    """One tick of the search for a load; error: measured z less desired, um.
+
+    Returns whether one was taken for the stage. Each detector has every eighth centre, for 20 periods each, from half
+    of the first resonance downwards, or, where nobody gave it, from HIGHEST_LOAD at least.
     """
     tick, first = c.oscillation.tick, NEAR_RESONANCE * first_resonance(c)
     if c.filtering is None or not tick > 0 or c.settings.trim_rate > 0:
-        return
-    if not first > 0:
-        first = min(HIGHEST_LOAD * tick, FASTEST_LOAD)
+        return False
+    if not knows_resonance(c):
+        first = max(first, min(HIGHEST_LOAD * tick, FASTEST_LOAD))
+    signals, taken = (unexplained(c, z, used), error), False
     for ear in c.hum.ears:
-        if not first >= LOWEST_LOAD * tick:
-            return
-        if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
-            if (load := ear.tone.shown(STEADY_LOAD)) > 0:
-                hear(c, load, ear.tone.amplitude)
-            ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
-        if ear.centre < LOWEST_LOAD * tick:
-            ear.centre = first
-        ear.tone = ear.tone or ToneDetector(ear.centre)
-        ear.tone.update(error, zdot_d)
+        if first >= LOWEST_LOAD * tick and listen_about(c, ear, first, signals, zdot_d):
+            taken = True
         first *= NEXT_LOAD
+    return taken
