@@ -51,6 +51,7 @@ LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
 TO_AND_FRO = 8.0  # deviations of the noise: so far that of many rows goes to and fro
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
 CUT = 0.01  # of the rows
+BURST, FEWEST_BURSTS = 50, 20  # rows on average in a burst, at most, and bursts
 ONE_WAY = 5.0  # % of the rows: few of one direction; a flyback takes 10, a triangle 50
 BY_CHANCE = 0.01  # of the deviation that noise alone makes of a mean: nearer to 0 no measured one is
 COARSE, NEXT = 0.004, 0.9  # of the span: a step of the voltage; and share of its changes that are of one step
@@ -77,6 +78,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
     units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
     of_signals = (
         *_of_sampling(record, found),
+        *_of_bursts(record, found),
         *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
@@ -150,6 +152,18 @@ def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
         yield (
             f"only {found.seldom_way_percent:.2g} % of the rows are on strokes of one direction, in which the model is "
             "untested: were the ways back left out? Keep them"
+        )
+
+
+def _of_bursts(record: Record, found: Findings) -> Iterator[str]:
+    """Short bursts far apart: the fit shortens what is between them, and knows no speed but that within them."""
+    missing = sum(seconds for _, seconds in found.gaps)
+    rows = record.time.size / (len(found.gaps) + 1)
+    if missing * found.sample_rate_hz > record.time.size and rows < BURST and len(found.gaps) >= FEWEST_BURSTS:
+        yield (
+            f"the rows are in {len(found.gaps) + 1} bursts of {figures(rows, 2)} on average, between which "
+            f"{100 * missing / found.duration_s:.2g} % of the time is not measured: speed, lag and creep are then not "
+            "those of the actuator. Record evenly, or take the mean of each burst as one row"
         )
 
 

@@ -100,6 +100,9 @@ def find_response(data: Data, coarse: float, known: float | None = None, certain
     if known is not None:
         return Response(known, 0.0, (known, known), (0.0, 0.0), separable=True)
     quick = _excerpt(data, coarse)
+    if not quick.rows:  # bursts that are shorter than the autoregression show neither
+        most = max(coarse, ORDER / quick.sample_rate)
+        return Response(0.0, 0.0, (0.0, most), (0.0, most), separable=False)
     found = quick.found(coarse * quick.sample_rate, certain)
     stroke = _of_one_motion(data.volts)
     return found if stroke is None else _beyond_hysteresis(found, HIDDEN * stroke / data.sample_rate)
