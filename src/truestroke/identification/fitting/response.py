@@ -162,7 +162,7 @@ class _Quick:
     variance: float  # um^2, of the whitened residual
 
     def __post_init__(self) -> None:
-        self._counted = _as_slice(self.known)
+        self._counted = normal.as_slice(self.known)
         self._whiten_by(np.ones(1))
 
     @property
@@ -296,14 +296,6 @@ class _Quick:
             if start[k] == 0.0 and lost <= 1:
                 break
         return found
-
-
-def _as_slice(rows: npt.NDArray[np.bool_]) -> slice | npt.NDArray[np.bool_]:
-    """The rows as a slice where they are all in a row, of which NumPy makes no copy; else as they are."""
-    places = np.flatnonzero(rows)
-    if not places.size or places[-1] - places[0] >= places.size:
-        return rows
-    return slice(int(places[0]), int(places[-1]) + 1)
 
 
 def _squares(entry: Minimum) -> float:
