@@ -14,7 +14,7 @@ from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
 from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.examination.mistakes import SMOOTH, TOGETHER, ringing
+from truestroke.identification.examination.mistakes import SECONDS, SMOOTH, TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
@@ -116,7 +116,7 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
         if time is None:
             yield f"the displacement turns {turns}: is {stamps} of {record.sample_rate:g} Hz in kHz?"
         else:
-            finer = "ms" if time.unit in ("s", "min") else "a smaller unit"
+            finer = "ms" if time.unit in SECONDS else "a smaller unit"
             yield f"the displacement turns {turns}: are {stamps} in {finer}? {_stated(time, finer)}"
 
 
