@@ -301,3 +301,15 @@ def test_a_stroke_of_mm_is_confirmed_by_its_unit(tmp_path):
     (said,) = examine(read_record(tmp_path / "stage.npz")).implausible
     assert "`displacement_unit` mm if it is right, else `displacement_scale`" in said
     assert not examine(read_record(tmp_path / "stage.npz", displacement_unit="mm")).implausible
+
+
+def test_a_joint_beneath_the_noise_of_the_displacement() -> None:
+    """A block of both signals is missing, with 1 % of noise; without the joint nothing is asked."""
+    t = np.arange(5000) / 1e3
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 1.3 * t) + np.cos(2 * np.pi * 3.1 * t))
+    z = 20 * foreign_records.bouc_wen(v)
+    z += 0.01 * np.ptp(z) * np.random.default_rng(0).standard_normal(t.size)
+    kept = np.r_[:2380, 2450:5000]
+    for rows, asked_of in ((kept, 1), (slice(None), 0)):
+        found = examine(Record.from_arrays(100 * v[rows], z[rows], sample_rate=1e3))
+        assert sum("two records joined" in text for text in found.implausible) == asked_of
