@@ -83,6 +83,16 @@ def sensor_volts_labelled(r: Record) -> Planted:
     return named(r.time, r.volts, r.displacement / 10), {}
 
 
+def nanometres(r: Record) -> Planted:
+    """um labelled nm"""
+    return {"time (s)": r.time, "volts (V)": r.volts, "z (nm)": r.displacement}, {}
+
+
+def millimetres(r: Record) -> Planted:
+    """mm labelled um"""
+    return named(r.time, r.volts, r.displacement / 1e3), {}
+
+
 def swapped(r: Record) -> Planted:
     """Voltage and displacement swapped"""
     return named(r.time, r.displacement, r.volts), {}
@@ -283,6 +293,8 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     millivolts,
     sensor_volts,
     sensor_volts_labelled,
+    nanometres,
+    millimetres,
     swapped,
     command,
     late_command,

@@ -13,7 +13,7 @@ import numpy as np
 import openpyxl
 import pytest
 
-from truestroke.identification import RecordError, read_record
+from truestroke.identification import RecordError, examine, read_record
 
 T = np.arange(200) / 100.0
 TABLE = np.column_stack([T, 5 - 5 * np.cos(9 * T), 2 - 2 * np.cos(9 * T - 0.1)])
@@ -150,4 +150,49 @@ def test_archives(tmp_path: Path, inside: str, says: str) -> None:
     with zipfile.ZipFile(file := tmp_path / "a.csv", "w") as parts:
         parts.writestr(inside, TEXT)
     with pytest.raises(RecordError, match=says):
+        read_record(file)
+
+
+@pytest.mark.parametrize("heading", ["time (h)", "t/h", "time (hours)"])
+def test_hours(tmp_path: Path, heading: str) -> None:
+    lines = [f"{t / 3600:.9f},{line.split(',', 1)[1]}" for t, line in zip(T, LINES, strict=True)]
+    (file := tmp_path / "a.csv").write_text(f"{heading},volts (V),z (um)\n" + "\n".join(lines))
+    assert read_record(file).sample_rate == pytest.approx(100.0)
+
+
+def test_days_of_a_spreadsheet_are_asked_for_and_read(tmp_path: Path) -> None:
+    lines = [f"{46000.5 + t / 86400:.10f},{line.split(',', 1)[1]}" for t, line in zip(T, LINES, strict=True)]
+    (file := tmp_path / "a.csv").write_text("time,volts (V),z (um)\n" + "\n".join(lines))
+    assert "are they in days, as of a spreadsheet (`time_unit` day)?" in examine(read_record(file)).mistakes[0]
+    assert read_record(file, time_unit="day").sample_rate == pytest.approx(100.0, rel=1e-3)
+
+
+def test_a_row_of_units_above_the_names(tmp_path: Path) -> None:
+    (file := tmp_path / "a.csv").write_text("s,V,nm\ntime,volts,z\n" + "\n".join(LINES))
+    assert np.allclose(read_record(file).displacement, 1e-3 * MOVED, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("45:00.198,18.5360,5.4669", "has times of minutes and seconds: write s"),
+        ("0.198,\u221231.4640,5.4669", "has minus signs of typography: write -"),
+    ],
+)
+def test_times_and_minus_signs_that_are_no_numbers(tmp_path: Path, line: str, words: str) -> None:
+    (file := tmp_path / "a.csv").write_text("time,volts,z\n" + f"{line}\n" * 60)
+    with pytest.raises(RecordError, match=words):
+        read_record(file)
+
+
+def test_thousands_behind_a_space_that_does_not_break(tmp_path: Path) -> None:
+    (file := tmp_path / "a.csv").write_text(TEXT.replace(",", ";") + "2.0;1\u00a0005.0;2.0\n2.01;5.0;2.0\n")
+    with pytest.raises(RecordError, match=r"'1 005\.0' has marks between thousands"):
+        read_record(file)
+
+
+@pytest.mark.parametrize("unit", ["A", "in"])
+def test_a_unit_that_is_not_read_is_not_taken_for_um(tmp_path: Path, unit: str) -> None:
+    (file := tmp_path / "a.csv").write_text(TEXT.replace("um", unit))
+    with pytest.raises(RecordError, match="`displacement_scale` says how many um one of them is"):
         read_record(file)

@@ -417,3 +417,45 @@ def test_the_remedy_for_a_unit_of_the_file_that_is_wrong_is_one_that_is_taken(
         assert "If it is" not in CliRunner().invoke(main, ["examine", file, *remedy.split()]).output
     against = CliRunner().invoke(main, ["identify", "stated.csv", "--displacement-unit", "nm"])
     assert "if the file is wrong, give --displacement-scale 0.001 in its place" in against.stderr
+
+
+def _in_bursts(stamped: bool) -> Record:
+    """Ten rows in 0.5 ms, each 10 ms: stamped so when a buffer was read, or measured so."""
+    k, even = np.arange(4000), 1e-3 * np.arange(4000)
+    stamps = 1e-2 * (k // 10) + 5e-5 * (k % 10)
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 1.3 * even) + np.cos(2 * np.pi * 3.1 * even))
+    z = 20 * foreign_records.bouc_wen(v)
+    if not stamped:
+        v, z = (np.interp(stamps, even, signal) for signal in (v, z))
+    return Record.from_arrays(100 * v, z + 0.05 * np.random.default_rng(0).standard_normal(k.size), time=stamps)
+
+
+def test_stamps_of_the_instants_at_which_a_buffer_was_read() -> None:
+    """The voltage moves no further in a gap than from row to row. The fit of it ended with a division by zero."""
+    record = _in_bursts(True)
+    (said,) = examine(record).mistakes
+    assert "399 gaps, 191 times as long" in said
+    assert "by them about 1000 Hz" in said
+    assert identify(record).verdict.level == "bad"
+    even = Record.from_arrays(record.volts, record.displacement, sample_rate=1000.0)
+    assert not examine(even).mistakes
+    assert not examine(even).implausible
+
+
+def test_bursts_that_were_measured_are_asked_about() -> None:
+    record = _in_bursts(False)
+    assert not examine(record).mistakes
+    (said,) = examine(record).implausible
+    assert "400 bursts of 10 on average, between which 95 % of the time" in said
+    assert identify(record).verdict.level != "good"
+
+
+def test_gaps_are_shortened_only_so_far_that_they_are_as_long_as_the_record_together() -> None:
+    """Forty gaps of 3 rows, and one of 5000 in 1000 rows: the short ones stay."""
+    steps = np.ones(999)
+    steps[10:810:20], steps[900] = 4.0, 5000.0
+    t = 1e-3 * np.concatenate([[0.0], np.cumsum(steps)])
+    x = np.sin(8 * t)
+    rows = series(Record.from_arrays(x, x, time=t))
+    assert rows.volts.size == 1000 - 41 + 1000
+    assert np.interp(0.9, rows.time, rows.volts) == pytest.approx(np.sin(8 * 0.9), abs=1e-3)

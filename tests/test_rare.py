@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import foreign_records
 from scipy.signal import butter, lfilter
 
 from truestroke import plant, trajectories
@@ -52,7 +53,7 @@ def test_a_correct_record_raises_none_at_any_rate_and_stroke(
     assert asked(written(tmp_path, x, z)) == ()
     assert asked(written(tmp_path, 10 * x - 500, z)) == ()
     assert asked(written(tmp_path, x / 10, 30 * z)) == ()
-    assert asked(written(tmp_path, x, 5 * z, "t (s),volts (V),z (nm)")) == ()
+    assert asked(written(tmp_path, x, 5 * z + 0.5 * noise(3), "t (s),volts (V),z (nm)")) == ()
     assert asked(written(tmp_path, x, z, rate=50.0)) == ()
 
 
@@ -112,8 +113,9 @@ def test_units_that_people_rather_write_otherwise(good: tuple[FloatArray, FloatA
     assert asked(tmp_path / "a.csv", displacement_unit="um") == ()
     assert "nm or mm" in asked(written(tmp_path, x, 1e-3 * z))[0]
     nanometres = "t (s),volts (V),z (nm)"
-    assert asked(written(tmp_path, 0.1 * x, 0.17 * z, nanometres)) == ()
-    assert "a single plate" in asked(written(tmp_path, x, 0.17 * z, nanometres))[0]
+    few = 0.17 * z + 0.05 * noise(3)
+    assert asked(written(tmp_path, 0.1 * x, few, nanometres)) == ()
+    assert "less than a single plate" in asked(written(tmp_path, x, few, nanometres))[0]
     assert "is the voltage in V" in asked(written(tmp_path, x, z, "t (s),volts (mV),z (um)"))[0]
     assert "is its unit right" in asked(written(tmp_path, x / 50, 30 * z))[0]
     assert "is the voltage in V" in asked(written(tmp_path, 2 * x, z, "t (s),volts (mV),z (um)"))[0]
@@ -263,3 +265,51 @@ def test_a_voltage_that_was_recorded_in_steps_is_told_from_one_that_goes_in_step
     z += np.random.Generator(np.random.PCG64(1)).normal(0, 0.05, t.size)
     said = examine(Record.from_arrays(stepped, z, sample_rate=1000.0)).implausible
     assert any("goes by steps of 2 V, 2.2 % of its span" in words for words in said) == recorded
+
+
+@pytest.mark.parametrize(
+    ("heading", "um", "noise", "asked"),
+    [
+        ("z (nm)", 30.0, 0.1, "is it in um? Say `displacement_scale` 1 if so, `displacement_unit` nm if not"),
+        ("z (nm)", 3.0, 0.01, "quieter than most sensors"),
+        ("z (nm)", 30e3, 100.0, ""),
+        ("z (nm)", 40.0, 0.5, ""),  # of a single plate
+        ("z (nm)", 300.0, 1.0, ""),  # of a tube
+        ("z (nm)", 30.0, 0.0, ""),  # simulated
+        ("z (um)", 0.03, 1e-4, "is it in nm or mm? State its unit (`displacement_unit` um if it is right"),
+    ],
+)
+def test_um_under_a_heading_of_nm(tmp_path, heading, um, noise, asked):
+    """30 um of a stack, and what is really in nm: the numbers of the file, over 100 V."""
+    t = np.arange(5000) / 1e3
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 1.3 * t) + np.cos(2 * np.pi * 3.1 * t))
+    z = um * foreign_records.bouc_wen(v)
+    z = z * (um / np.ptp(z)) + noise * np.random.default_rng(0).standard_normal(t.size)
+    np.savez(tmp_path / "sweep.npz", **{"time (s)": t, "volts (V)": 100 * v, heading: z})
+    said = examine(read_record(tmp_path / "sweep.npz")).implausible
+    assert [asked in text for text in said] == [True] * bool(asked)
+    stated = heading[3:5]
+    assert not examine(read_record(tmp_path / "sweep.npz", displacement_unit=stated)).implausible
+
+
+def test_a_stroke_of_mm_is_confirmed_by_its_unit(tmp_path):
+    """5 mm for +-10 V, as the heading says: the question names the argument that answers it."""
+    t = np.arange(5000) / 1e3
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 1.3 * t) + np.cos(2 * np.pi * 3.1 * t))
+    z = 7.0 * foreign_records.bouc_wen(v) + 2e-3 * np.random.default_rng(0).standard_normal(t.size)
+    np.savez(tmp_path / "stage.npz", **{"time (s)": t, "volts (V)": 20 * v - 10, "z (mm)": z})
+    (said,) = examine(read_record(tmp_path / "stage.npz")).implausible
+    assert "`displacement_unit` mm if it is right, else `displacement_scale`" in said
+    assert not examine(read_record(tmp_path / "stage.npz", displacement_unit="mm")).implausible
+
+
+def test_a_joint_beneath_the_noise_of_the_displacement() -> None:
+    """A block of both signals is missing, with 1 % of noise; without the joint nothing is asked."""
+    t = np.arange(5000) / 1e3
+    v = 0.5 - 0.25 * (np.cos(2 * np.pi * 1.3 * t) + np.cos(2 * np.pi * 3.1 * t))
+    z = 20 * foreign_records.bouc_wen(v)
+    z += 0.01 * np.ptp(z) * np.random.default_rng(0).standard_normal(t.size)
+    kept = np.r_[:2380, 2450:5000]
+    for rows, asked_of in ((kept, 1), (slice(None), 0)):
+        found = examine(Record.from_arrays(100 * v[rows], z[rows], sample_rate=1e3))
+        assert sum("two records joined" in text for text in found.implausible) == asked_of

@@ -285,7 +285,9 @@ record_options = options(  # RECORD, and how `truestroke.read_record` reads it
     click.option("--time", metavar="COLUMN", help="Column of the time stamps."),
     click.option("--volts-unit", metavar="UNIT", help="V, mV, uV or kV.  [default: as the file says, else V]"),
     click.option("--displacement-unit", metavar="UNIT", help="um, nm, mm or m.  [default: as the file says, else um]"),
-    click.option("--time-unit", metavar="UNIT", help="s, ms, us, ns or min.  [default: as the file says, else s]"),
+    click.option(
+        "--time-unit", metavar="UNIT", help="s, ms, us, ns, min, h or day.  [default: as the file says, else s]"
+    ),
     click.option(
         "--volts-scale", metavar="V", type=float, help="V for one of the column, such as 10 of a monitor of 1:10."
     ),

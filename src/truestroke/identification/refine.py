@@ -326,14 +326,14 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     for _ in range(STEPS):
         z_m = data.model(s, c, velocity).strain(data.volts, fs, rest=data.rest)
         rows, kept = data.columns(s, z_m)[skip:], data.through(z_m)[:: data.every][skip:]
-        J = data.derivative(s, rows[:, :-1], kept, c)
+        J = rows[:, :-1] / data.slope(s, kept, c)[:, None]
         residual = measured - kept
         weight = max(uncertainty.white_variance(residual), (QUIET * model.stroke) ** 2)
         shown = normal.reduced(np.column_stack([J, residual + J @ c]))
         c = normal.solve(prior.rows(weight), *data.constraints(s, velocity), above=shown)
     made = data.model(s, c, velocity)
     residual = measured - data.through(made.strain(data.volts, fs, rest=data.rest))[:: data.every][skip:]
-    P = uncertainty.covariance(J, residual, prior, weight)
+    P = uncertainty.covariance(J, shown[:-1, :-1], residual, prior, weight)
     times = {"delay": model.delay, "time_constant": model.time_constant, "dynamics": model.dynamics}
     plain = None if model.plain is None else _fitted(model.plain, data, skip)
     return made.replace(covariance=P[: s.parameters, : s.parameters], noise=_rms(residual), plain=plain, **times)

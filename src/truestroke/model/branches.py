@@ -157,9 +157,22 @@ class Branches:
         if not self.weights or not x.size:
             return np.zeros_like(x)
         plays, y, states = self._moved(x, 1)
-        w, blocks = np.array(self.weights), [slice(k, k + ROWS) for k in range(0, x.size, ROWS)]
-        terms = (np.hstack([*self._parts([a[rows] for a in plays], y[rows], states[rows])]) for rows in blocks)
-        return np.concatenate([dot(part, w) for part in terms])
+        w = np.array(self.weights)
+        ends = np.cumsum([self.plays * len(self.curves), self.cells[0].size])
+        of_plays, of_cells, of_states = np.split(w, ends)
+        others, blocks = np.append(of_plays, of_states), [slice(k, k + ROWS) for k in range(0, x.size, ROWS)]
+        terms = (np.hstack([*(a[rows] for a in plays), states[rows]]) for rows in blocks)
+        total = np.concatenate([dot(part, others) for part in terms])
+        for i in range(self.levels):
+            total += self._of_cells(i, np.ascontiguousarray(y[:, i]), of_cells[self.cells[0] == i])
+        return total
+
+    def _of_cells(self, i: int, y: FloatArray, w: FloatArray) -> FloatArray:
+        """The cells of one play with their weights, um: a polygon with a corner at each of their ends."""
+        _, low, high = (of[self.cells[0] == i] for of in self.cells)
+        ends = float(min(y.min(), low[1:].min(initial=0.0))), float(max(y.max(), high[:-1].max(initial=0.0)))
+        corners = np.concatenate([[ends[0] - self.half], low[1:], [ends[1] + self.half]])
+        return np.asarray(np.interp(y, corners, dot(self._ways(corners[:, None], low, high), w)))
 
     def _moved(self, x: FloatArray, every: int) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """Plays of each curve, plays of the cells, and states of Duhem of every `every`-th sample."""

@@ -32,13 +32,17 @@ KINDS: dict[bytes, tuple[str, tuple[str, ...], str]] = {
 """By the first bytes: what it is, the endings that it may have, and the remedy for any other."""
 
 ZIPPED = (".npz", ".xlsx", ".xlsm")
-THOUSANDS = re.compile(r"(?<![\d.,])\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:'\d{3})+(?:[.,]\d+)?)(?![\d.,])")
+THOUSANDS = re.compile(
+    r"(?<![\d.,])\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:(?:'|\\xa0|\\u202f)\d{3})+(?:[.,]\d+)?)(?![\d.,])"
+)
 EITHER = re.compile(r"(?:^|(?<=[;\t\"]))\s*([+-]?(?:\d+,\d+|\d{1,3}(?:\.\d{3})+))\s*(?=$|[;\t\"])")  # a field alone
 EMPTY = re.compile(r"(;|,|\t|\\t)\s*(;|,|\t|\\t|'?$)")  # a field without a number
 DECIMAL_COMMAS = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?(\s+[+-]?\d+(,\d+)?([eE][+-]?\d+)?)+")
 
 
 UNREADABLE = {
+    re.compile(r"\u2212\d"): "has minus signs of typography: write -",
+    re.compile(r"(^|[,;\t])\s*\"?\d+:\d\d([.,]\d+)?\"?\s*([,;\t]|$)"): "has times of minutes and seconds: write s",
     re.compile(r"\b0x[0-9a-f]+\b", re.IGNORECASE): "has hexadecimal numbers: write decimal ones",
     re.compile(r"\d\s*\|\s*[-+.\d]"): "has | between the columns: write commas, semicolons or tabs",
     re.compile(r"\d:\d\d(:\d\d[.\d]*)?\s*[AP]M", re.IGNORECASE): "has times with AM or PM: write 13:45:00, or s",
@@ -121,7 +125,8 @@ def thousands(text: str) -> str:
     ('', '')
     """
     if found := THOUSANDS.search(text):
-        return f"; {found[0]!r} has marks between thousands: export the numbers without"
+        number = re.sub(r"\\xa0|\\u202f", " ", found[0])  # as repr writes spaces that do not break
+        return f"; {number!r} has marks between thousands: export the numbers without"
     if not EMPTY.search(text) and (either := EITHER.findall(text.strip("'\n").replace("\\t", "\t"))):
         what = "may have a mark between thousands or a decimal one"
         return f"; {either[-1]!r} {what}: export with decimal points, and no other marks"

@@ -24,6 +24,10 @@ NANOMETRES = 5e-5  # um: the smallest stroke that is stated in nm
 GAIN = 1e3  # um/V
 SPEED = 0.1e6  # um/s: a stack reaches it at a tenth of its own resonance; stages and amplifiers do not
 FAST = ((20e3, 60e3), (100e3, 20e3))  # Hz, um/s: the same for stamps in ms or less, by sample rate
+BURSTS, APART, NO_FURTHER = 20, 4.0, 2.0  # gaps, times an interval, and times a step beside it: stamps of reading
+SURE = 4.0  # deviations of the noise that the voltage moves from row to row, where that is compared
+SECONDS, DAYS = ("s", "min", "h", "day"), (29_221.0, 73_051.0)  # units of a second and more; days since 1900
+LONGER = ("min, h or days", "min, h or day"), ("days, as of a spreadsheet", "day")
 SLOW = 1.0  # Hz: stamps of no stated unit that give no higher rate are in ms, or count the rows
 LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLIEST = 0.25  # of a stroke: twice as far a displacement is looked for before steps
@@ -111,21 +115,57 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
     """Time stamps that make the motion too fast, or the samples too rare."""
     speed, rate = found.rates_um_s[2], found.sample_rate_hz
     time = record.columns.get("time")
-    short = time is not None and time.stated and time.unit not in ("s", "min")
+    short = time is not None and time.stated and time.unit not in SECONDS
     if speed > SPEED or (short and any(rate >= hz and speed >= um_s for hz, um_s in FAST)):
         stamps = f"time stamps ({time.heading!r} in {time.unit}) make" if time else "given sample rate makes"
         remedy = "is it right?"
         if time is not None:
-            remedy = f"are they in s ({'write ' * bool(time.of_file)}{time.says('time', 's')})?"
+            words, unit = ("s", "s") if time.unit not in SECONDS else LONGER[_of_spreadsheet(record)]
+            remedy = f"are they in {words} ({'write ' * bool(time.of_file)}{time.says('time', unit)})?"
         yield (
             f"the {stamps} {found.strokes} strokes in {found.duration_s:.3g} s, at {1e-3 * speed:.3g} mm/s and "
             f"{1e-3 * rate:.4g} kHz: {remedy}"
         )
+    yield from _of_reading(record)
     if time is not None and not time.stated and rate <= SLOW and record.source != "arrays":
         yield (
             f"the time stamps have no unit, and in s one row would be {1 / rate:.4g} s: are they in ms (`time_unit`), "
             "or do they count the rows (`sample_rate`)?"
         )
+
+
+def _of_spreadsheet(record: Record) -> bool:
+    """Whether stamps are of one day by the count of spreadsheets, from 1900 on, of the years 1980 to 2100."""
+    return DAYS[0] < record.time[0] and record.time[-1] < DAYS[1] and float(np.ptp(record.time)) < 1.0
+
+
+def _of_reading(record: Record) -> Iterator[str]:
+    """Stamps of the instants at which a buffer was read: in a gap the voltage goes no further than in a row beside it.
+
+    Examples
+    --------
+    >>> k = np.arange(500)
+    >>> read = 1e-2 * (k // 10) + 1e-4 * (k % 10)
+    >>> signals = [np.sin(20 * t) for t in (1e-3 * k, read)]
+    >>> [len(list(_of_reading(Record.from_arrays(x, x, time=read)))) for x in signals]
+    [1, 0]
+    """
+    ends = np.array([s.stop - 1 for s in record.segments[:-1]], dtype=np.intp)
+    ends = ends[(ends > 0) & (ends < record.time.size - 2)]
+    if "time" not in record.columns or ends.size < BURSTS:
+        return
+    steps, times = np.abs(np.diff(record.volts)), np.diff(record.time)
+    gap, beside = float(steps[ends].mean()), float((steps[ends - 1] + steps[ends + 1]).mean()) / 2
+    apart = float(np.median(times[ends]) / np.median(times))
+    if apart < APART or gap > NO_FURTHER * beside or beside < SURE * noise(record.volts, record.segments):
+        return
+    first, last = record.segments[1].start, record.segments[-1].start
+    rate = (last - first) / float(record.time[last] - record.time[first])
+    yield (
+        f"the time stamps have {ends.size} gaps, {apart:.3g} times as long as from row to row, in which the voltage "
+        "moves no further than from row to row: are they of the instants at which a buffer was read? Give the sample "
+        f"rate in their place (`sample_rate`), by them about {rate:.4g} Hz"
+    )
 
 
 def _of_order(record: Record, found: Findings) -> Iterator[str]:

@@ -14,7 +14,7 @@ from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
 from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.examination.mistakes import TOGETHER, ringing
+from truestroke.identification.examination.mistakes import SECONDS, SMOOTH, TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
@@ -32,7 +32,9 @@ STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1
 FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and the longest, of a stroke
 ROWS = 50_000  # that it is fitted to
 NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
-SMALL, LARGE = 0.02, 2000.0  # um: strokes that are rather written in nm, and in mm
+SMALL, LARGE = 0.1, 2000.0  # um: strokes that are rather written in nm, and in mm
+PLATE, SHORT = 1e-3, 0.01  # um/V of a single plate at most, and um: strokes so short are measured with little noise
+QUIET, QUIETEST = 2e-4, 3e-5  # um: noise of few sensors, and of hardly any
 STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
 MILLIVOLTS = 1.5, 50.0  # V, um/V: few actuators go so far with so little
 TINY = 0.15  # V: few amplifiers are driven by so little, however short the stroke
@@ -51,6 +53,7 @@ LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
 TO_AND_FRO = 8.0  # deviations of the noise: so far that of many rows goes to and fro
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
 CUT = 0.01  # of the rows
+BURST, FEWEST_BURSTS = 50, 20  # rows on average in a burst, at most, and bursts
 ONE_WAY = 5.0  # % of the rows: few of one direction; a flyback takes 10, a triangle 50
 BY_CHANCE = 0.01  # of the deviation that noise alone makes of a mean: nearer to 0 no measured one is
 COARSE, NEXT = 0.004, 0.9  # of the span: a step of the voltage; and share of its changes that are of one step
@@ -77,6 +80,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
     units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
     of_signals = (
         *_of_sampling(record, found),
+        *_of_bursts(record, found),
         *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
@@ -112,7 +116,7 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
         if time is None:
             yield f"the displacement turns {turns}: is {stamps} of {record.sample_rate:g} Hz in kHz?"
         else:
-            finer = "ms" if time.unit in ("s", "min") else "a smaller unit"
+            finer = "ms" if time.unit in SECONDS else "a smaller unit"
             yield f"the displacement turns {turns}: are {stamps} in {finer}? {_stated(time, finer)}"
 
 
@@ -150,6 +154,18 @@ def _of_sampling(record: Record, found: Findings) -> Iterator[str]:
         yield (
             f"only {found.seldom_way_percent:.2g} % of the rows are on strokes of one direction, in which the model is "
             "untested: were the ways back left out? Keep them"
+        )
+
+
+def _of_bursts(record: Record, found: Findings) -> Iterator[str]:
+    """Short bursts far apart: the fit shortens what is between them, and knows no speed but that within them."""
+    missing = sum(seconds for _, seconds in found.gaps)
+    rows = record.time.size / (len(found.gaps) + 1)
+    if missing * found.sample_rate_hz > record.time.size and rows < BURST and len(found.gaps) >= FEWEST_BURSTS:
+        yield (
+            f"the rows are in {len(found.gaps) + 1} bursts of {figures(rows, 2)} on average, between which "
+            f"{100 * missing / found.duration_s:.2g} % of the time is not measured: speed, lag and creep are then not "
+            "those of the actuator. Record evenly, or take the mean of each burst as one row"
         )
 
 
@@ -198,7 +214,7 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         yield (
             f"the displacement has whole numbers of um only, from {record.displacement.min():g} to "
             f"{record.displacement.max():g}: are they counts or nm? State its unit "
-            f"({moved.says('displacement')})"
+            f"({_say('displacement', moved)})"
         )
     elif not moved.asked and moved.unit == "um" and found.displacement_um in NORMALISED:
         yield (
@@ -209,7 +225,7 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         yield (
             f"the displacement stays within +-10 um in steps of {step:.6g} um, as the volts of a converter of 20 V do "
             "in steps of a power of two: are they a sensor's V? State the unit, or its um/V "
-            f"({moved.says('displacement')})"
+            f"({_say('displacement', moved)})"
         )
     elif not moved.stated and max(map(abs, found.displacement_um)) <= CONVERTER:
         yield (
@@ -218,14 +234,38 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
         )
     elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
         others = "nm or mm" if stroke < SMALL else "nm or counts"
-        yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit ({moved.says('displacement')})"
+        yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit ({_say('displacement', moved)})"
+    elif moved.unit == "nm" and not moved.asked and (like := _of_nanometres(found, gain)):
+        yield (
+            f"{figures(1e3 * stroke)} nm for {figures(span)} V with noise of {figures(1e3 * found.noise_um, 2)} nm is "
+            f"{like}: is it in um? Say `displacement_scale` 1 if so, `displacement_unit` nm if not"
+        )
     elif not moved.asked and not WEAK <= gain <= STRONG:
         what = "less than a single plate moves" if gain < WEAK else "more than most actuators move"
-        said = f"is its unit right? State it ({moved.says('displacement')})"
+        said = f"is its unit right? State it ({_say('displacement', moved)})"
         yield f"{figures(stroke)} um for {figures(span)} V is {what}: {said}"
     elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
-        said = f"is the voltage in V? State its unit ({volts.says('volts')})"
+        said = f"is the voltage in V? State its unit ({_say('volts', volts)})"
         yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: {said}"
+
+
+def _say(role: str, column: Column) -> str:
+    """The arguments that state a unit: that of the file, so that nothing is asked about it, or another one."""
+    right = f"`{role}_unit` {column.of_file} if it is right, else " if column.of_file else ""
+    return right + column.says(role)
+
+
+def _of_nanometres(found: Findings, gain: float) -> str:
+    """What a displacement said to be in nm is like, where um under a heading of nm are at least as likely; else empty.
+
+    Noise that is too small even for a stroke without a sensor is that of a simulation, which says nothing.
+    """
+    if found.noise_um < SMOOTH * found.stroke_um:
+        return ""
+    if found.noise_um < QUIETEST:
+        return "quieter than most sensors"
+    of_plate = gain < PLATE and found.stroke_um > SHORT and found.noise_um < QUIET
+    return "what a single plate moves, read by a quiet sensor" if of_plate else ""
 
 
 def _of_converter(values: FloatArray) -> float:

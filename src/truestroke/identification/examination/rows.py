@@ -26,6 +26,7 @@ FEWEST_FILLED, DRAWN = 3, 0.45  # such places; and of all rows, where lines join
 JOINT = 0.03  # of the span: both signals move so far from one row to the next
 SUDDEN, BESIDE = 8.0, 3  # times what they do in so many rows on either side
 GOES_ON, CLEAR = 0.2, 4.0  # of the median step, and deviations: so fast the voltage moves before and behind
+SURE = 5.0  # deviations of the noise of the displacement
 SHARE = 0.4, 1.6  # of the voltage's jump times the gain: of the displacement in the same row
 SORTED = 0.005  # of the stroke: noise of rows that alternate between the ways up and down
 FEW_JOINTS = 4  # a motion that jumps more often is meant to
@@ -149,7 +150,8 @@ def _of_joints(record: Record, found: Findings) -> Iterator[str]:
     gaps = {s.start - 1 for s in record.segments[1:]}
     by_noise = CLEAR * math.sqrt(2.0) / BESIDE * noise(record.volts, record.segments)
     gain, slow = found.gain_um_per_v, max(GOES_ON * float(np.median(steps)), by_noise)
-    joints = [k for k in jumps.tolist() if k not in gaps and _is_joint(x, z, k, gain, slow)]
+    by_noise = SURE * math.sqrt(2.0) * found.noise_um
+    joints = [k for k in jumps.tolist() if k not in gaps and _is_joint(x, z, k, gain, slow, by_noise)]
     if 0 < len(joints) <= FEW_JOINTS:
         k, size = joints[0], len(joints)
         places = "one place" if size == 1 else f"{size} places"
@@ -160,12 +162,18 @@ def _of_joints(record: Record, found: Findings) -> Iterator[str]:
         )
 
 
-def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float) -> bool:
-    """Whether step k of both is such a jump; x, z are the steps of the voltage and of the displacement."""
+def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float, by_noise: float) -> bool:
+    """Whether step k of both is such a jump; x, z are the steps of the voltage and of the displacement.
+
+    A jump of the displacement beyond its noise, um, is compared with the mean of the steps beside it, in which is less.
+    """
     if not BESIDE <= k < x.size - BESIDE:
         return False
     before, behind = slice(k - BESIDE, k), slice(k + 1, k + 1 + BESIDE)
-    if any(abs(step[k]) < SUDDEN * np.abs(step[side]).max() for step in (x, z) for side in (before, behind)):
+    if any(abs(x[k]) < SUDDEN * np.abs(x[side]).max() for side in (before, behind)):
+        return False
+    beside = [np.abs(z[side]).max() if abs(z[k]) < by_noise else abs(z[side].mean()) for side in (before, behind)]
+    if abs(z[k]) < SUDDEN * max(beside):
         return False
     low, high = SHARE
     goes_on = min(abs(x[before].mean()), abs(x[behind].mean())) > slow

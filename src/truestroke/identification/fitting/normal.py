@@ -10,6 +10,7 @@ from functools import wraps
 from typing import ParamSpec, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 
@@ -75,6 +76,14 @@ class Prior:
     def part(self, columns: FloatArray) -> Prior:
         """Of some of the coefficients."""
         return Prior(self.mean[columns], self.covariance[np.ix_(columns, columns)])
+
+
+def as_slice(rows: npt.NDArray[np.bool_]) -> slice | npt.NDArray[np.bool_]:
+    """The rows as a slice where they are all in a row, of which NumPy makes no copy; else as they are."""
+    places = np.flatnonzero(rows)
+    if not places.size or places[-1] - places[0] >= places.size:
+        return rows
+    return slice(int(places[0]), int(places[-1]) + 1)
 
 
 def reduced(rows: FloatArray, above: FloatArray | None = None) -> FloatArray:

@@ -213,10 +213,10 @@ class Data:
         moved = strain if self.dynamics is None else stage.through(self.dynamics, strain)
         return respond(moved, self.delay * self.sample_rate, self.time_constant * self.sample_rate)
 
-    def derivative(self, s: Structure, columns: FloatArray, predicted: FloatArray, c: FloatArray) -> FloatArray:
-        """Derivative of the prediction by the coefficients: the columns over the slope of z - asymmetry(z)."""
+    def slope(self, s: Structure, predicted: FloatArray, c: FloatArray) -> FloatArray:
+        """That of z - asymmetry(z): the columns over it are the derivative of the prediction by the coefficients."""
         slope = 1 - c[s.columns["asymmetry"]] @ asymmetry_slopes(predicted, self.stroke)[: s.asymmetry]
-        return np.asarray(columns / np.maximum(slope, 0.1)[:, None])
+        return np.maximum(slope, 0.1)
 
     def starts(self, s: Structure, c: FloatArray) -> FloatArray:
         """What the creep states still had to go at the start of the record, um, at the full rate."""

@@ -100,6 +100,9 @@ def find_response(data: Data, coarse: float, known: float | None = None, certain
     if known is not None:
         return Response(known, 0.0, (known, known), (0.0, 0.0), separable=True)
     quick = _excerpt(data, coarse)
+    if not quick.rows:  # bursts that are shorter than the autoregression show neither
+        most = max(coarse, ORDER / quick.sample_rate)
+        return Response(0.0, 0.0, (0.0, most), (0.0, most), separable=False)
     found = quick.found(coarse * quick.sample_rate, certain)
     stroke = _of_one_motion(data.volts)
     return found if stroke is None else _beyond_hysteresis(found, HIDDEN * stroke / data.sample_rate)
@@ -159,7 +162,7 @@ class _Quick:
     variance: float  # um^2, of the whitened residual
 
     def __post_init__(self) -> None:
-        self._counted = _as_slice(self.known)
+        self._counted = normal.as_slice(self.known)
         self._whiten_by(np.ones(1))
 
     @property
@@ -293,14 +296,6 @@ class _Quick:
             if start[k] == 0.0 and lost <= 1:
                 break
         return found
-
-
-def _as_slice(rows: npt.NDArray[np.bool_]) -> slice | npt.NDArray[np.bool_]:
-    """The rows as a slice where they are all in a row, of which NumPy makes no copy; else as they are."""
-    places = np.flatnonzero(rows)
-    if not places.size or places[-1] - places[0] >= places.size:
-        return rows
-    return slice(int(places[0]), int(places[-1]) + 1)
 
 
 def _squares(entry: Minimum) -> float:

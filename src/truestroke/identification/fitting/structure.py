@@ -51,8 +51,8 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
     c: FloatArray = np.zeros(0)
     z = guess
     for _ in range(STEPS + 1):
-        J, target, velocity = _linearised(data, s, z, c)
-        shown = normal.reduced(np.column_stack([J, target]))
+        rows, velocity = _linearised(data, s, z, c)
+        shown = normal.reduced(rows)
         c = normal.solve(pull, *data.constraints(s, velocity), above=shown)
         model = data.model(s, c, velocity)
         strain = model.strain(data.volts, data.sample_rate)
@@ -60,11 +60,12 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
     residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
     fitted = data.fitted(s.rested)
     residual = residual[fitted]
-    P = _of_model(uncertainty.covariance(J, residual, prior, weight), s) if certain else np.zeros((m, m))
+    J, R = rows[:, :-1], shown[:-1, :-1]
+    P = _of_model(uncertainty.covariance(J, R, residual, prior, weight), s) if certain else np.zeros((m, m))
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
-    rows = np.flatnonzero(fitted) * data.every
-    return Fit(model, s, weight, residual, rows, partial(data.drift, s, c[m:]), strain)
+    of_record = np.flatnonzero(fitted) * data.every
+    return Fit(model, s, weight, residual, of_record, partial(data.drift, s, c[m:]), strain)
 
 
 def _of_model(P: FloatArray, s: Structure) -> FloatArray:
@@ -83,15 +84,20 @@ def _of_model(P: FloatArray, s: Structure) -> FloatArray:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)  # of a record that shows little, by rounding
 
 
-def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """J and t so that J c = t has the next coefficients, from the last ones and their prediction; velocity, um/s."""
-    rows = data.columns(s, z)[data.fitted(s.rested)]
-    C, measured = rows[:, :-1], rows[:, -1]
-    rate = central_difference(z, data.sample_rate)[:: data.every][data.fitted(s.rested)]
+def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, float]:
+    """Rows [J | t] so that J c = t has the next coefficients, from the last ones and their prediction; velocity, um/s.
+
+    The columns over the slope are the derivative of the prediction.
+    """
+    kept = normal.as_slice(data.fitted(s.rested))
+    rows = data.columns(s, z)[kept]
+    rate = central_difference(z, data.sample_rate)[:: data.every][kept]
     velocity = float(np.abs(rate).max())  # of the strain: dead time and lag are behind it
     if not c.size:
-        return C, measured, velocity
-    predicted = data.through(z)[:: data.every][data.fitted(s.rested)]
-    J = data.derivative(s, C, predicted, c)
-    drift = data.drift(s, c[s.parameters :], z.size)[:: data.every][data.fitted(s.rested)]
-    return J, measured - predicted - drift + J @ c, velocity
+        return rows, velocity
+    predicted = data.through(z)[:: data.every][kept]
+    drift = data.drift(s, c[s.parameters :], z.size)[:: data.every][kept]
+    measured = rows[:, -1].copy()
+    rows /= data.slope(s, predicted, c)[:, None]
+    rows[:, -1] = measured - predicted - drift + rows[:, :-1] @ c
+    return rows, velocity

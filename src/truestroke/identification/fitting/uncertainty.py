@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.fitting.normal import Prior, reduced
+from truestroke.identification.fitting.normal import Prior
 
 LAGS = 200  # of the autocorrelation at most
 SEGMENTS = 8  # of the record, for the spectrum of the residual
 
 
-def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float) -> FloatArray:
+def covariance(J: FloatArray, R: FloatArray, residual: FloatArray, prior: Prior, weight: float) -> FloatArray:
     """Covariance of regularised least squares, in the squares of the coefficients' units.
 
     ::
@@ -27,6 +27,8 @@ def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float)
     ----------
     J : ndarray, shape (samples, m)
         Derivative of the prediction by each coefficient.
+    R : ndarray, shape (m, m)
+        Of its QR decomposition.
     residual : ndarray, shape (samples,)
         Residual of the fit, um.
     prior : Prior
@@ -35,7 +37,6 @@ def covariance(J: FloatArray, residual: FloatArray, prior: Prior, weight: float)
         Variance, um^2, that the prior's precision was multiplied with.
     """
     precision = np.linalg.inv(prior.covariance)
-    R = reduced(J)
     A = np.linalg.inv(R.T @ R + weight * precision)
     spread = colored(J, residual) + weight**2 * precision
     P = A @ spread @ A.T
@@ -48,8 +49,10 @@ def colored(J: FloatArray, residual: FloatArray) -> FloatArray:
     frequencies = np.fft.rfftfreq(samples)
     twice = np.where((frequencies > 0) & (frequencies < 0.5), 2.0, 1.0)  # for the negative frequencies
     share = _spectrum(residual, frequencies) * twice / max(samples - m, 1)
-    F = np.fft.rfft(J, axis=0) * np.sqrt(share)[:, None]
-    return np.asarray(F.real.T @ F.real + F.imag.T @ F.imag)
+    F = np.fft.rfft(np.ascontiguousarray(J.T))
+    F *= np.sqrt(share)
+    both = F.view(np.float64)  # real and imaginary parts in turn
+    return np.asarray(both @ both.T)
 
 
 def _spectrum(residual: FloatArray, frequencies: npt.NDArray[np.floating[Any]]) -> FloatArray:

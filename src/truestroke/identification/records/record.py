@@ -160,7 +160,8 @@ def read_record(
         Columns, by name or counted from 1. Left out, they are found by heading (`HEADINGS`), else by unit. Without
         names, two columns are voltage and displacement; three, the first of which ascends, are time and these two.
     volts_unit, displacement_unit, time_unit : str, optional
-        Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min. Left out, what the heading states, else V, um, s.
+        Of the file: V, mV, uV, kV; um, nm, mm, m; s, ms, us, ns, min, h, day. Left out, what the heading states, else
+        V, um, s.
     volts_scale : float, optional
         V for one of the column, such as 10 of a monitor of 1:10; in place of its unit. The voltage is that which a
         controller or a waveform is to put out.

@@ -62,9 +62,9 @@ class Series(Signals):
 def series(record: Any) -> Series:
     """Regular samples of a record: an object with `volts`, `displacement`, `sample_rate`, or a tuple of the three.
 
-    Where its time stamps are irregular or leave gaps, straight lines between its rows, at its own rate. A gap that is
-    longer than the record itself is shortened. Beyond 500,000 samples, means over blocks. The voltage is without the
-    noise of its measurement.
+    Where its time stamps are irregular or leave gaps, straight lines between its rows, at its own rate. Gaps that are
+    together longer than all that was measured are shortened, the longest ones. Beyond 500,000 samples, means over
+    blocks. The voltage is without the noise of its measurement.
 
     Raises
     ------
@@ -134,8 +134,23 @@ def _positions(record: Any, fs: float) -> FloatArray | None:
         return None
     steps = np.ones(t.size - 1) if regular else np.diff(t) * fs
     ends = np.array([s.stop - 1 for s in segments[:-1]], dtype=np.int64)
-    steps[ends] = np.minimum(np.round((t[ends + 1] - t[ends]) * fs), max(2, t.size // max(ends.size, 1)))
+    gaps = np.round((t[ends + 1] - t[ends]) * fs)
+    steps[ends] = np.minimum(gaps, _longest(gaps, t.size))
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _longest(gaps: FloatArray, together: int) -> float:
+    """To which gaps are shortened, so that they have so many samples together at most; two at least each.
+
+    Examples
+    --------
+    >>> _longest(np.array([3.0, 100.0, 2.0]), 50), _longest(np.array([3.0, 4.0]), 50)
+    (45.0, inf)
+    """
+    ascending, number = np.sort(gaps), gaps.size
+    shares = (together - np.cumsum(ascending) + ascending) // (number - np.arange(number))
+    long = np.flatnonzero(ascending > shares)
+    return max(2.0, float(shares[long[0]])) if long.size else np.inf
 
 
 def _regular(t: FloatArray, fs: float) -> bool:

@@ -6,23 +6,26 @@ from collections.abc import Iterable, Mapping, Sequence
 UNITS: Mapping[str, Mapping[str, float]] = {
     "volts": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"um": 1.0, "nm": 1e-3, "mm": 1e3, "m": 1e6},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86400.0},
 }
 """What one of each unit is in V, um and s."""
 
 OTHERS = (
     *("rad", "mrad", "urad", "nrad", "deg", "°", "arcsec", "arcmin", "pm", "å", "angstrom", "cm", "inch", "mil"),
+    *("in", "a"),
     *("count", "counts", "lsb", "digit", "digits", "code", "codes", "px", "pixel", "pixels"),
     *("%", "percent", "ppm", "db", "a.u.", "arb.", "arb. u.", "arb. units"),
 )
 """Further units, in lower case, that a column is not read in."""
 
+LETTERS = "m", "h"  # z_m is more often "measured" than metres
 _LENGTHS = {"um": "micro", "nm": "nano", "mm": "milli", "m": ""}
 _METRES = "meter", "meters", "metre", "metres"
 _SPELLINGS = {
     **{"V": ("v", "volt", "volts"), "mV": ("millivolt", "millivolts"), "kV": ("kilovolt", "kilovolts")},
     **{"s": ("sec", "second", "seconds"), "ms": ("msec", "millisecond", "milliseconds")},
     **{"us": ("usec", "microsecond", "microseconds"), "min": ("minute", "minutes")},
+    **{"h": ("hr", "hour", "hours"), "day": ("days",)},
     **{ours: tuple(part + end for end in _METRES) for ours, part in _LENGTHS.items()},
 }
 _SPELLINGS["um"] += ("micron", "microns", "mikrometer")
@@ -59,14 +62,14 @@ def name_and_unit(text: str) -> tuple[str, str]:
     text = text.strip()
     if match := re.fullmatch(r"(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]", text):
         return match[1] or match[2], unit(match[2])
-    match = re.fullmatch(r"(.+?)\s*[_/, ]\s*([^_/, ]+)", text)
-    if match and is_unit(match[2]) and unit(match[2]) != "m":  # z_m is more often "measured" than metres
-        return match[1], unit(match[2])
-    return text, unit(text) if is_unit(text) and text != "m" else ""
+    match = re.fullmatch(r"(.+?)\s*([_/, ])\s*([^_/, ]+)", text)
+    if match and is_unit(match[3]) and (match[2] == "/" or unit(match[3]) not in LETTERS):
+        return match[1], unit(match[3])
+    return text, unit(text) if is_unit(text) and text not in LETTERS else ""
 
 
 def names_and_units(last: Sequence[str], before: Sequence[str] = ()) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Of the row above the numbers, or of two, `before` with names and the last with units alone.
+    """Of the row above the numbers, or of two, one with names and the other with units alone.
 
     Examples
     --------
@@ -74,11 +77,16 @@ def names_and_units(last: Sequence[str], before: Sequence[str] = ()) -> tuple[tu
     ((('z', 'CH1'), ('nm', '')), (('drive', 'sensor'), ('V', 'um')))
     >>> names_and_units(["[V]", ""], ["drive", "row"])
     (('drive', 'row'), ('V', ''))
+    >>> names_and_units(["drive", "sensor"], ["V", "um"])
+    (('drive', 'sensor'), ('V', 'um'))
     """
     alone = [text.strip("()[] ") for text in last]
     if before and any(alone) and all(is_unit(one) if one else name for one, name in zip(alone, before, strict=True)):
         return tuple(before), tuple(map(unit, alone))
     names, units = zip(*map(name_and_unit, last), strict=True)
+    above = [text.strip("()[] ") for text in before]
+    if above and all(is_unit(one) and said in ("", unit(one)) for said, one in zip(units, above, strict=True)):
+        return names, tuple(map(unit, above))
     return names, units
 
 
