@@ -1,6 +1,8 @@
 """Recordings: to the disk and back, to the last bit; clear refusals."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -89,6 +91,35 @@ def test_a_crash_while_saving_leaves_the_old_file(tmp_path, monkeypatch):
         example(old=False).save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]  # no draft lies about
+
+
+FULL = """
+import resource, sys
+import numpy as np
+from truestroke import Recording, scans
+from truestroke.signals.recording import Channel
+
+time = Channel(np.arange(9000) / 2000.0, "s", "start of each tick")
+measured = Channel(np.random.default_rng(0).normal(size=9000), "um", "measured displacement")
+long = Recording({"time": time, "measured": measured})
+image = scans.Image(data=np.ones((90, 90)), name="a", unit="nm", size=(1.0, 1.0))
+for size in (0, 100, 700, 5000, 20_000, 60_000):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    for save, file in ((long.save, "run.h5"), (lambda name: scans.save_images(name, [image]), "scan.nxs")):
+        try:
+            save(file)
+        except OSError as error:
+            assert error.filename == file, error
+        else:
+            raise AssertionError(f"{file}: {size} bytes were enough")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of a file")
+def test_a_disk_that_refuses_a_part_is_an_error_that_names_the_file_and_no_crash_of_hdf5(tmp_path):
+    done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not list(tmp_path.iterdir())
 
 
 def test_metadata_may_be_long(tmp_path):

@@ -203,6 +203,10 @@ def writing(path: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
         if place.exists():
             draft.chmod(place.stat().st_mode & 0o7777)
         draft.replace(place)
+    except OSError as error:
+        if error.errno is None or error.filename not in (None, str(draft)):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         draft.unlink(missing_ok=True)
 

@@ -170,10 +170,8 @@ class Recording(Signals, Mapping[str, Array]):
         FileNotFoundError
             There is no such folder.
         """
-        import h5py
-
         checks.path("path", path)
-        with files.writing(path, kind(self.metadata)) as draft, h5py.File(draft, **MODE) as file:
+        with files.writing(path, kind(self.metadata)) as draft, hdf5.written(draft, **MODE) as file:
             describe(file, self.metadata)
             for name, channel in self.channels.items():
                 data = channel.data
@@ -238,7 +236,7 @@ class Recording(Signals, Mapping[str, Array]):
         return cls(channels, metadata)
 
 
-MODE = {"mode": "w", "libver": "latest", "track_order": True}
+MODE = {"libver": "latest", "track_order": True}
 """How a file of a recording is made: of a version of HDF5 that keeps checksums of its own tables."""
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import checks, files
+from truestroke.base import checks, files, hdf5
 from truestroke.base.checks import SettingError
 from truestroke.base.files import Kind
 from truestroke.base.typing import FloatArray
@@ -351,9 +351,7 @@ def _size(shape: Sequence[int], tags: Mapping[str, Any], um: float | None) -> tu
 
 
 def _write_nexus(path: Path, images: Sequence[Image], scan: Scan | None) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
+    with hdf5.written(path) as file:
         digits = len(str(len(images) - 1))  # so that their order is that of the images
         names = [f"image_{i:0{digits}d}" for i in range(len(images))]
         entry = _group(file, "entry", "NXentry", default=names[0])
