@@ -283,6 +283,8 @@ def test_a_file_of_almost_the_same_name_is_proposed() -> None:
     done = call("track", "--dynamics", "dynamcs.toml")
     assert "there is no file dynamcs.toml in " in done.stderr
     assert "; did you mean dynamics.toml? See: " in done.stderr
+    Path("sweep.csv").touch()
+    assert "; did you mean sweep.csv? See: " in call("identify", "sweep.cvs").stderr
 
 
 def test_of_files_that_differ_in_their_ending_the_one_that_fits_is_proposed() -> None:

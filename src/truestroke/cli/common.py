@@ -59,12 +59,19 @@ class ExistingFile(click.Path):
         folder = path.absolute().parent
         if not folder.is_dir():
             self.fail(f"there is no folder {folder}.", param, ctx)
-        others = [one for one in sorted(folder.glob(f"*{path.suffix}")) if one.is_file()]
-        near = difflib.get_close_matches(path.stem, [one.stem for one in others], n=1)
-        meant = inputs.preferred(param, [one for one in others if one.stem in near])
+        meant = inputs.preferred(param, _alike(path, folder))
         maker = inputs.MAKERS.get(param.name or "") if param else None
         remedy = f"; did you mean {meant.name}?" if meant else f"; {maker}." if maker else "."
         self.fail(f"there is no file {path.name} in {folder}{remedy}", param, ctx)
+
+
+def _alike(path: Path, folder: Path) -> list[Path]:
+    """Files of a folder whose name is near to that of a path: of the same ending first."""
+    there = [one for one in sorted(folder.iterdir()) if one.is_file()]
+    ending = [one for one in there if path.suffix in ("", one.suffix)]
+    stems = difflib.get_close_matches(path.stem, [one.stem for one in ending], n=1)
+    names = difflib.get_close_matches(path.name, [one.name for one in there], n=1)
+    return [one for one in ending if one.stem in stems] or [one for one in there if one.name in names]
 
 
 FILE = ExistingFile()
