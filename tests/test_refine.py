@@ -311,6 +311,8 @@ def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):
         assert done.exit_code == code
         assert message in done.stderr
         assert done.stderr.count("\n") == 1
+    done = CliRunner().invoke(main, ["identify", "model.toml"])  # whose default --output it is
+    assert "RECORD model.toml is a model; it must be a table of numbers or a recording." in done.stderr
     assert before == {name: (tmp_path / name).read_bytes() for name in before}
 
 

@@ -361,11 +361,9 @@ def _refuse_an_input(option: str, path: Path) -> None:
         reads = argument or (isinstance(parameter.type, click.Path) and parameter.type.exists)
         if reads and isinstance(given, str | Path) and Path(given).is_file() and path.samefile(given):
             name = (parameter.name or "").upper() if argument else parameter.opts[0]
-            another = f"{path.stem}-2{path.suffix}"
-            raise click.UsageError(
-                f"{option} {path}: would replace the file that {name} names; choose another name, such as {another}, "
-                "or --overwrite it."
-            )
+            another = f"such as {path.stem}-2{path.suffix}, or --overwrite it"
+            replaced = f"would replace the file that {name} names; choose another name, {another}."
+            raise click.UsageError(inputs.mistaken(context) or f"{option} {path}: {replaced}")
 
 
 def _kind(ending: str) -> files.Kind:
