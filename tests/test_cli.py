@@ -285,6 +285,8 @@ def test_a_file_of_almost_the_same_name_is_proposed() -> None:
     assert "; did you mean dynamics.toml? See: " in done.stderr
     Path("sweep.csv").touch()
     assert "; did you mean sweep.csv? See: " in call("identify", "sweep.cvs").stderr
+    Path("score.html").touch()
+    assert "did you mean" not in call("run", "--config", "stage.toml").stderr
 
 
 def test_of_files_that_differ_in_their_ending_the_one_that_fits_is_proposed() -> None:

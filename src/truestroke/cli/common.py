@@ -70,7 +70,7 @@ def _alike(path: Path, folder: Path) -> list[Path]:
     there = [one for one in sorted(folder.iterdir()) if one.is_file()]
     ending = [one for one in there if path.suffix in ("", one.suffix)]
     stems = difflib.get_close_matches(path.stem, [one.stem for one in ending], n=1)
-    names = difflib.get_close_matches(path.name, [one.name for one in there], n=1)
+    names = difflib.get_close_matches(path.name, [one.name for one in there], n=1, cutoff=0.8)
     return [one for one in ending if one.stem in stems] or [one for one in there if one.name in names]
 
 
