@@ -210,12 +210,13 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def in_words_of(command: click.Command | None, text: str, quote: str = "") -> str:
-    """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option.
+    """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option or NAME.
 
     So does the name that a `SettingError` begins with. Options in place of names in backticks are between `quote`.
     """
-    options = [one for one in command.params if isinstance(one, click.Option)] if command else []
-    names = {one.name: one.opts[0] for one in options}
+    params = command.params if command else []
+    names = {one.name: one.opts[0] for one in params if isinstance(one, click.Option)}
+    names |= {one.name: one.opts[0].upper() for one in params if isinstance(one, click.Argument) and not one.metavar}
 
     def option(match: re.Match[str]) -> str:
         name = match[1] or match[2]
