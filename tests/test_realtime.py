@@ -298,6 +298,7 @@ def test_a_recording_needs_no_name() -> None:
         ({"axis.voltage_limits": ["0", 3.6]}, "axis.voltage_limits = '0' V: must be a number, without quotes"),
         ({"axis.name": 3}, "axis.name = 3: must be text"),
         ({"axis.settings": {"trim_rate": "3"}}, "axis.settings.trim_rate = '3': must be a number"),
+        ({"axis.settings": {"hum": "50 Hz"}}, r"hum = '50 Hz': must be a list of numbers, without quotes: hum = \[50\]$"),
         ({"axis.settings": {"trim_rate": -3.0}}, "axis.settings.trim_rate = -3.0 1/s"),
         ({"axis.settings": {"trim_rat": 3.0}}, "axis.settings.trim_rat .*did you mean trim_rate"),
         ({"axis.settings": {"lag": "no"}}, "axis.settings.lag = 'no': must be true or false, without quotes"),

@@ -188,6 +188,9 @@ def value(
 
 def _remedy(name: str, given: Any, hint: Any, inner: tuple[Any, ...]) -> str:
     """What to change where a value has another type, if that is known."""
+    if isinstance(given, str) and get_origin(hint) is tuple and float in inner:
+        number = re.search(r"[-+]?\d+(\.\d+)?", given)
+        return f" of numbers, without quotes: {name} = [{number[0] if number else '...'}]"
     if isinstance(given, str) and {int, float, bool} & {hint, *inner}:
         return "" if any(get_origin(one) is Literal for one in inner) else ", without quotes"
     if isinstance(given, Mapping) and _outer(hint) is tuple and _outer(inner[0]) is Mapping:
