@@ -246,7 +246,7 @@ def test_a_recording_needs_no_name() -> None:
     ("changes", "words"),
     [
         ({"drivers": {}}, "drivers = .*did you mean driver.*There are driver, axis, scan, coupled, realtime"),
-        ({"driver": {}}, "driver.name = missing"),
+        ({"driver": {}}, 'driver.name = missing: must be given, such as name = "simulated"$'),
         ({"driver": {"name": "labview"}}, "driver.name = 'labview': must be one of nidaqmx, nv200, pi, simulated"),
         (
             {"driver": {"name": "simulated", "blok": 5}},
@@ -264,7 +264,7 @@ def test_a_recording_needs_no_name() -> None:
         ({"axis.slew_limit": 400.0}, r"axis.slew_limit = 400.0: must be slew, in \[\[axis\]\]"),
         ({"trajectory": {}}, r"trajectory = a table: must be \[axis.trajectory\], below its \[\[axis\]\]"),
         ({"axis.trajectory": {"kind": "sine", "zero": 1.0}}, r"trajectory.zero = 1.0: must be in \[\[axis\]\], above"),
-        ({"axis.stroke": None}, "axis.stroke = missing"),
+        ({"axis.stroke": None}, r"axis.stroke = missing: must be given, such as stroke = 30.0 \(um\), the length"),
         ({"axis.safe_voltage": 5.0}, "safe_voltage = 5.0 V"),
         ({"axis.zero": "measure"}, "axis.zero = 'measure' um: must be a number or 'measured'$"),
         ({"axis.controller": "pid"}, "axis.controller = 'pid': must be one of adaptive, paper"),
@@ -298,7 +298,10 @@ def test_a_recording_needs_no_name() -> None:
         ({"axis.voltage_limits": ["0", 3.6]}, "axis.voltage_limits = '0' V: must be a number, without quotes"),
         ({"axis.name": 3}, "axis.name = 3: must be text"),
         ({"axis.settings": {"trim_rate": "3"}}, "axis.settings.trim_rate = '3': must be a number"),
-        ({"axis.settings": {"hum": "50 Hz"}}, r"hum = '50 Hz': must be a list of numbers, without quotes: hum = \[50\]$"),
+        (
+            {"axis.settings": {"hum": "50 Hz"}},
+            r"hum = '50 Hz': must be a list of numbers, without quotes: hum = \[50\]$",
+        ),
         ({"axis.settings": {"trim_rate": -3.0}}, "axis.settings.trim_rate = -3.0 1/s"),
         ({"axis.settings": {"trim_rat": 3.0}}, "axis.settings.trim_rat .*did you mean trim_rate"),
         ({"axis.settings": {"lag": "no"}}, "axis.settings.lag = 'no': must be true or false, without quotes"),

@@ -232,7 +232,7 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
 def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
     """The driver of a table [driver]: its name, and its settings; and its ticks per second, Hz."""
     with checks.inside("driver."):
-        found = registry.find(toml.needed(table, "name"))
+        found = registry.find(toml.needed(table, "name", 'name = "simulated"'))
         others = _places("in [axis.trajectory]", "in settings of [[axis]]")  # some drivers have keys of these names
         settings = toml.decode(found.Settings, table, also=("name",), elsewhere=others)
         made: Driver = found(settings)
@@ -418,7 +418,8 @@ def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controlle
         model = _model(table.model, folder)
         with checks.inside("", renamed):
             return AdaptiveController.from_model(model, **fixed, **own)
-    fixed["stroke"] = toml.needed({} if table.stroke is None else {"stroke": table.stroke}, "stroke")
+    given = {} if table.stroke is None else {"stroke": table.stroke}
+    fixed["stroke"] = toml.needed(given, "stroke", "stroke = 30.0 (um), the length of the travel")
     if table.controller == "paper":
         return AdaptiveController.paper(**fixed)
     with checks.inside("", renamed):
