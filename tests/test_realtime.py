@@ -283,6 +283,7 @@ def test_a_recording_needs_no_name() -> None:
         ({"driver": {"name": "simulated", "noise": 0.1}}, "driver.noise = 0.1: must be in plant or stage$"),
         ({"driver": {"name": "simulated", "dead_time": 0.1}}, "driver.dead_time = 0.1: must be in stage$"),
         ({"recording": {"files": "x"}}, "recording.files"),
+        ({"recording": {"file": ""}}, r"recording.file = .*: must be a name that ends with .*, such as run.h5$"),
         ({"recording": {"file": 5}}, "recording.file = 5: must be text in quotes"),
         ({"recording": {"file": "scan.csv"}}, "recording.file = 'scan.csv': must be a name that ends with .*scan.h5"),
         ({"axis": [3]}, r"axis = 3: must be a table"),
