@@ -447,6 +447,8 @@ def _shaken(run: _Run) -> Finding | None:
     disturbed = run.rmse > run.tolerable or run.metrics.restored_ticks or _many_changes(run)
     if not frequency or not amplitude or amplitude <= run.tolerable or not disturbed:
         return None
+    if any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
+        return None  # what is not followed at all has lines that no load makes
     line = f"{frequency:.3g}"
     return "doubtful", (
         f"A load of {line} Hz and {amplitude:.2g} um shakes the stage: a pump, a fan, the mains. Stop what makes it, "
@@ -714,7 +716,7 @@ CHECKS: Sequence[Check] = (
     _alarmed,
 )
 
-OTHER_CAUSES = (_too_fast, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed)
+OTHER_CAUSES = (_too_fast, _shaken, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed)
 """What a sensor at an end of its range brings about, and what they would put it down to."""
 
 
