@@ -186,7 +186,7 @@ def _code_of(error: BaseException | None) -> int:
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
-    from truestroke.control.feasibility import LOWER, NAMES, LimitWarning
+    from truestroke.control.feasibility import LimitWarning
 
     others, shown = warnings.showwarning, (LimitWarning, LatenessWarning, ModelWarning)
 
@@ -194,19 +194,28 @@ def _warnings_as_lines() -> Iterator[None]:
         if not issubclass(category, shown):
             others(message, category, *where, **more)
             return
-        context, text = click.get_current_context(silent=True), str(message)
-        if context and NAMES["slew"] not in context.params:
-            text = text.replace(LOWER.format(NAMES["slew"]), "; a slower motion keeps the default")
-        for name in NAMES.values():
-            if context and name in context.params:
-                text = text.replace(name, f"--{name.replace('_', '-')}")
-        click.echo(f"truestroke: {text}", err=True)
+        click.echo(f"truestroke: {notice(str(message))}", err=True)
 
     with warnings.catch_warnings():
         for category in shown:
             warnings.simplefilter("always", category)
         warnings.showwarning = show
         yield
+
+
+def notice(text: str) -> str:
+    """What is said before a run, with the options of the command that is called in place of arguments of Python."""
+    from truestroke.control.feasibility import LOWER, NAMES
+
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return text
+    if NAMES["slew"] not in context.params:
+        text = text.replace(LOWER.format(NAMES["slew"]), "; a slower motion keeps the default")
+    for name in NAMES.values():
+        if name in context.params:
+            text = text.replace(name, f"--{name.replace('_', '-')}")
+    return text
 
 
 def in_words_of(command: click.Command | None, text: str, quote: str = "") -> str:

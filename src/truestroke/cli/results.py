@@ -22,8 +22,11 @@ SHORTEST = 20  # ticks that can be plotted
 
 
 def own(recording: truestroke.Recording) -> truestroke.Recording:
-    """The same with the command that made it."""
-    return type(recording)(recording.channels, recording.metadata | common.as_asked())
+    """The same with the command that made it, and in its words."""
+    about = recording.metadata | common.as_asked()
+    if notices := about.get("notices"):
+        about["notices"] = [common.notice(text) for text in notices]
+    return type(recording)(recording.channels, about)
 
 
 def recorded(what: str, run: Callable[[Progress | None], truestroke.Recording], file: Path) -> truestroke.Recording:
