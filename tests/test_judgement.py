@@ -671,3 +671,20 @@ def test_a_resonance_that_was_given_is_named_where_the_motion_is_not_followed(gi
     reasons = " ".join(found.reasons)
     assert said in reasons
     assert ("resonance =" in reasons) is bool(said)
+
+
+@pytest.mark.parametrize(
+    ("known", "what", "said"),
+    [
+        (150.0, {"restored": slice(400, 900)}, True),
+        (150.0, {"changed": slice(400, 440)}, True),
+        (150.0, {}, False),
+        (370.0, {"restored": slice(400, 900)}, False),
+    ],
+)
+def test_a_resonance_that_was_given_is_named_where_the_motion_burst_and_was_followed_later(known, what, said):
+    settings = {"name": "AdaptiveController", "settings": {"stroke": 30.0, "resonance": 400.0}}
+    about = {"controller": settings, "resonance": known}
+    text = judged(made(noisy(wave()), metadata=about, flags=flags(**what)))[1]
+    assert ("resonance = 400 Hz, and the measurements showed 150 Hz" in text) is said
+    assert ("resonance =" in text) is said
