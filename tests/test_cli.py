@@ -289,6 +289,23 @@ def test_a_file_of_almost_the_same_name_is_proposed() -> None:
     assert "did you mean" not in call("run", "--config", "stage.toml").stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("run stage.toml", "--config stage.toml"),
+        ("bode stage.toml", "--config stage.toml"),
+        ("track sine", "--trajectory sine"),
+        ("track stage.toml", ""),
+        ("compare nothing", ""),
+    ],
+)
+def test_an_option_without_its_name_is_proposed(words: str, meant: str) -> None:
+    Path("stage.toml").write_text('[driver]\nname = "simulated"\n[[axis]]\n')
+    done = call(*words.split())
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert f"extra argument ({words.split()[1]}){f'; did you mean {meant}?' if meant else '.'} See: " in done.stderr
+
+
 def test_of_files_that_differ_in_their_ending_the_one_that_fits_is_proposed() -> None:
     Path("two.toml").write_text('[driver]\nname = "simulated"\n[[axis]]\n')
     Path("two.h5").write_bytes(b"\x89HDF\r\n\x1a\n")  # as HDF5 begins

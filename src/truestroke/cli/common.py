@@ -163,6 +163,9 @@ def in_plain_words(error: click.UsageError) -> str:
     if isinstance(error, click.MissingParameter) and param is not None:
         says = inputs.MAKERS.get(param.name or "") or getattr(param, "help", None)
         message = f"{message.rstrip('.')}: {says.rstrip('.')}." if says else message
+    if (extra := re.search(r"unexpected extra argument \((\S+)\)", message)) and error.ctx is not None:
+        named = inputs.option_of(error.ctx.command, extra[1])
+        message = f"{message.rstrip('.')}; did you mean {named} {extra[1]}?" if named else message
     unit = UNITS.get(metavar or "")
     asked = f", in {unit} and without the unit" if unit else ""
     return re.sub(

@@ -52,6 +52,16 @@ def preferred(parameter: click.Parameter | None, paths: list[Path]) -> Path | No
     return next(fitting, paths[0] if paths else None)
 
 
+def option_of(command: click.Command, word: str) -> str:
+    """The option of a command that takes a word: one of its choices, or a file of its kind; empty where none does."""
+    kind = kind_of(Path(word))
+    for one in command.params:
+        choices = one.type.choices if isinstance(one.type, click.Choice) else (one.metavar or "").strip("[]").split("|")
+        if isinstance(one, click.Option) and (word in choices or (kind and kind in WANTED.get(one.name or "", ()))):
+            return one.opts[0]
+    return ""
+
+
 def mistaken(context: click.Context) -> str:
     """Which files of the command are of another kind than it takes there, with the remedy; empty where none is."""
     given: list[Given] = context.meta.get(__name__, [])
