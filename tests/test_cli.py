@@ -216,6 +216,12 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["commission"], "Missing option '--config': `truestroke run --example` prints one. See: ", 2),
         (["export", "c"], "Missing option '--output': c: a new or empty folder; json, fmu: a file. See: ", 2),
         (["score"], "Missing argument 'MODEL': `truestroke identify` writes it. See: ", 2),
+        (["playback"], "Missing argument 'WAVEFORM': `truestroke invert` writes it. See: ", 2),
+        (
+            ["report"],
+            "Missing argument 'RECORDING': `truestroke run` or `truestroke track` writes it. See: ",
+            2,
+        ),
         (["track", "--strok", "3"], "No such option '--strok'. See: truestroke track --help", 2),
         (["track", "--overwrit"], "No such option '--overwrit'. Did you mean '--overwrite'? See: ", 2),
         (["track", "--voltage-limits", "0", "150"], "moves 30 um from -0.6 to 3.6 V, before its amplifier", 2),
@@ -262,7 +268,7 @@ SWAPPED = {
     "invert model.toml --model rec.csv": "TRAJECTORY model.toml is a model: exchange them.",
     "playback rec.csv --config model.toml": "it must be a configuration: `truestroke run --example` prints one.",
     "learn --dynamics model.toml --model dyn.toml": "--model dyn.toml is a file of dynamics: exchange them.",
-    "report rec.csv": "RECORDING rec.csv is a table of numbers; it must be a recording.",
+    "report rec.csv": "it must be a recording: `truestroke run` or `truestroke track` writes it.",
 }
 
 

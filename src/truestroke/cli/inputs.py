@@ -14,6 +14,8 @@ MAKERS = {  # of a file, by the option that takes it
     "config": "`truestroke run --example` prints one",
     "model": "`truestroke identify` writes it",
     "dynamics": "`truestroke bode` writes it",
+    "waveform": "`truestroke invert` writes it",
+    "recording": "`truestroke run` or `truestroke track` writes it",
 }
 MODEL, DYNAMICS, CONFIGURATION = "a model", "a file of dynamics", "a configuration"
 TABLE, RECORDING, IMAGE = "a table of numbers", "a recording", "an image"
