@@ -288,8 +288,8 @@ class TrackingSummary:
 
     Attributes
     ----------
-    duration_s, counted_from_s : float
-        Length of the run; time from which errors count, s.
+    duration_s, counted_from_s, judged_s : float
+        Length of the run; time from which errors count; from the first tick to the last one whose error is judged, s.
     peak_to_peak_um : float
         Of the desired motion in the counted part; percentages refer to it.
     measured_rmse_um, measured_maximum_um, measured_rmse_percent, measured_maximum_percent : float
@@ -314,6 +314,7 @@ class TrackingSummary:
 
     duration_s: float
     counted_from_s: float
+    judged_s: float
     peak_to_peak_um: float
     measured_rmse_um: float
     measured_maximum_um: float
@@ -395,6 +396,7 @@ def summary(
     return TrackingSummary(
         duration_s=duration,
         counted_from_s=start * duration,
+        judged_s=_duration(time[known]),
         peak_to_peak_um=span,
         **_errors("measured", desired[counted], measured[counted], span),
         **(_errors("true", desired[counted], recording["true"][counted], span) if "true" in recording else none),
