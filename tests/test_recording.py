@@ -154,6 +154,16 @@ def test_refusals_say_why(tmp_path):
         example().save(tmp_path / "no" / "run.h5")
 
 
+def test_a_folder_in_the_place_of_a_file_is_called_one(tmp_path):
+    """`Recording.load` and `read_record` said "no such file", `load_model` and `Dynamics.load` "[Errno 21]"."""
+    for read in (Recording.load, truestroke.read_record, truestroke.scans.read_images):
+        with pytest.raises(IsADirectoryError, match="is a folder; name a file"):
+            read(tmp_path)
+    for read in (truestroke.load_model, truestroke.Dynamics.load):
+        with pytest.raises(truestroke.FileError, match="the file = a folder: must be a file of TOML"):
+            read(tmp_path)
+
+
 def test_channels_must_fit_their_time():
     time = Channel(np.arange(3.0), "s", "")
     with pytest.raises(SettingError, match="channel volts = array of shape \\(4,\\): must be 3 entries long"):

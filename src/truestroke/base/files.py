@@ -347,6 +347,21 @@ def busy(path: Path) -> bool:
 # ---- Reading -------------------------------------------------------------------------------------------------------
 
 
+def existing(path: Path) -> Path:
+    """The same path, of a file that is there.
+
+    Raises
+    ------
+    FileNotFoundError, IsADirectoryError
+        There is none, or it is a folder.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(path))
+    if not path.is_file():
+        raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
+    return path
+
+
 @contextmanager
 def reading(path: str | os.PathLike[str], wrong: Callable[[str], FileError]) -> Iterator[None]:
     """Every error of a library at a damaged file becomes one line: ``wrong(reason)``.

@@ -58,10 +58,12 @@ def source(path: str | os.PathLike[str]) -> str:
     Raises
     ------
     SettingError
-        It is no text.
+        It is no text, or a folder.
     OSError
         It cannot be read.
     """
+    if Path(path).is_dir():
+        raise SettingError("the file", "a folder", "a file of TOML")
     data = Path(path).read_bytes()
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:

@@ -1,7 +1,6 @@
 """The recording of a run: labelled arrays with units, to and from HDF5."""
 
 import dataclasses
-import errno
 import functools
 import json
 import platform
@@ -193,9 +192,7 @@ class Recording(Signals, Mapping[str, Array]):
         FileTooLargeError
             It needs more memory than its size allows, or than this computer has.
         """
-        path = checks.path("path", path)
-        if not path.is_file():
-            raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
+        path = files.existing(checks.path("path", path))
         for _ in range(TRIES):
             try:
                 return cls._load(path)

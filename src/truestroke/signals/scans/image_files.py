@@ -116,9 +116,7 @@ def read_images(path: str | Path) -> list[Image]:
     FileNotFoundError
         There is no such file.
     """
-    path = checks.path("path", path)
-    if not path.is_file():
-        raise FileNotFoundError(2, "no such file", str(path))
+    path = files.existing(checks.path("path", path))
     if path.suffix.lower() not in ENDINGS:
         remedy = "save it as one of these where it was recorded, or in Gwyddion; a picture such as .png has no heights"
         raise SettingError("path", str(path), f"a file that ends with {', '.join(ENDINGS)}: {remedy}")
