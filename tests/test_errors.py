@@ -193,7 +193,7 @@ MISTAKES = {
     ),
     "a number as a model": (
         lambda: truestroke.AdaptiveController.from_model(3, sample_rate=2000.0),
-        "must be the path of a file",
+        "model = 3: must be an ActuatorModel, or the file of one",
     ),
     "a dict as a plant's settings": (
         lambda: plant.RealisticPlant({"noise": 0.0}),
