@@ -25,6 +25,17 @@ Labelled = Mapping[str, npt.NDArray[Any]]
 """Arrays by name: a Recording, or a dict."""
 
 
+def rms(error: FloatArray) -> float:
+    """Root mean square, sqrt(mean of e^2), of an array that is known to be finite, in its unit.
+
+    Examples
+    --------
+    >>> round(rms(np.array([3.0, 4.0])), 4)
+    3.5355
+    """
+    return float(np.sqrt(np.mean(error**2)))
+
+
 def rmse(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
     """Root mean square of the error, sqrt(mean of e^2), um.
 
@@ -38,7 +49,7 @@ def rmse(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
     >>> round(rmse([0.0, 0.0], [3.0, 4.0]), 4)
     3.5355
     """
-    return float(np.sqrt(np.mean(_error(desired, measured) ** 2)))
+    return rms(_error(desired, measured))
 
 
 def maximum_error(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
