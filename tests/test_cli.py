@@ -404,6 +404,18 @@ def test_reproduce_as_json() -> None:
     assert 0.0584 in [row["paper"] for row in fig10["rows"]]
 
 
+def test_who_interrupts_the_pictures_is_told_of_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("truestroke.report.run_page", interrupted)
+    done = call(*SHORT, "--output", "one")
+    assert done.exit_code == 130
+    told = "truestroke: the recording is in one.h5; its page: truestroke report one.h5"
+    assert [line for line in done.stderr.splitlines() if line] == [told, "truestroke: interrupted"]
+    assert len(Recording.load("one.h5")["time"]) > 0
+
+
 @pytest.mark.usefixtures("_without_page")
 def test_recovery_is_told_apart_from_convergence() -> None:
     for change, converged, recovered in (

@@ -63,7 +63,11 @@ def finish(
     with common.progress("plotting"):
         from truestroke.report import run_page
 
-        pictures = common.save_page(run_page(recording), page_file, plots)
+        try:
+            pictures = common.save_page(run_page(recording), page_file, plots)
+        except KeyboardInterrupt:
+            common.complain(f"the recording is in {recording_file}; its page: truestroke report {recording_file}")
+            raise
     if as_json:
         files = {"recording": str(recording_file), "page": str(page_file), "pictures": pictures}
         each = {name: one.as_dict() for name, one in found.items() if one is not None}
