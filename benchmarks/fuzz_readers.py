@@ -87,7 +87,7 @@ def corpus(folder: Path) -> dict[str, tuple[Path, Callable[[Path], object]]]:
     recording().save(at("run.h5"))
     recording().save(at("killed.h5"))
     unfinished(at("killed.h5"))
-    with h5py.File(at("foreign.hdf5"), **{**MODE, "libver": "earliest"}) as file:
+    with h5py.File(at("foreign.hdf5"), "w", **{**MODE, "libver": "earliest"}) as file:
         group = file.create_group("run")
         for name, column, unit in (("t", t, "s"), ("u", x, "V"), ("z", z, "um")):
             group.create_dataset(name, data=column, compression="gzip").attrs["unit"] = unit

@@ -216,6 +216,12 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["commission"], "Missing option '--config': `truestroke run --example` prints one. See: ", 2),
         (["export", "c"], "Missing option '--output': c: a new or empty folder; json, fmu: a file. See: ", 2),
         (["score"], "Missing argument 'MODEL': `truestroke identify` writes it. See: ", 2),
+        (["playback"], "Missing argument 'WAVEFORM': `truestroke invert` writes it. See: ", 2),
+        (
+            ["report"],
+            "Missing argument 'RECORDING': `truestroke run` or `truestroke track` writes it. See: ",
+            2,
+        ),
         (["track", "--strok", "3"], "No such option '--strok'. See: truestroke track --help", 2),
         (["track", "--overwrit"], "No such option '--overwrit'. Did you mean '--overwrite'? See: ", 2),
         (["track", "--voltage-limits", "0", "150"], "moves 30 um from -0.6 to 3.6 V, before its amplifier", 2),
@@ -262,7 +268,7 @@ SWAPPED = {
     "invert model.toml --model rec.csv": "TRAJECTORY model.toml is a model: exchange them.",
     "playback rec.csv --config model.toml": "it must be a configuration: `truestroke run --example` prints one.",
     "learn --dynamics model.toml --model dyn.toml": "--model dyn.toml is a file of dynamics: exchange them.",
-    "report rec.csv": "RECORDING rec.csv is a table of numbers; it must be a recording.",
+    "report rec.csv": "it must be a recording: `truestroke run` or `truestroke track` writes it.",
 }
 
 
@@ -283,6 +289,27 @@ def test_a_file_of_almost_the_same_name_is_proposed() -> None:
     done = call("track", "--dynamics", "dynamcs.toml")
     assert "there is no file dynamcs.toml in " in done.stderr
     assert "; did you mean dynamics.toml? See: " in done.stderr
+    Path("sweep.csv").touch()
+    assert "; did you mean sweep.csv? See: " in call("identify", "sweep.cvs").stderr
+    Path("score.html").touch()
+    assert "did you mean" not in call("run", "--config", "stage.toml").stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("run stage.toml", "--config stage.toml"),
+        ("bode stage.toml", "--config stage.toml"),
+        ("track sine", "--trajectory sine"),
+        ("track stage.toml", ""),
+        ("compare nothing", ""),
+    ],
+)
+def test_an_option_without_its_name_is_proposed(words: str, meant: str) -> None:
+    Path("stage.toml").write_text('[driver]\nname = "simulated"\n[[axis]]\n')
+    done = call(*words.split())
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert f"extra argument ({words.split()[1]}){f'; did you mean {meant}?' if meant else '.'} See: " in done.stderr
 
 
 def test_of_files_that_differ_in_their_ending_the_one_that_fits_is_proposed() -> None:
@@ -375,6 +402,18 @@ def test_reproduce_as_json() -> None:
     (fig10,) = json.loads(done.stdout, parse_constant=pytest.fail)["results"]
     assert fig10["name"] == "fig10"
     assert 0.0584 in [row["paper"] for row in fig10["rows"]]
+
+
+def test_who_interrupts_the_pictures_is_told_of_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("truestroke.report.run_page", interrupted)
+    done = call(*SHORT, "--output", "one")
+    assert done.exit_code == 130
+    told = "truestroke: the recording is in one.h5; its page: truestroke report one.h5"
+    assert [line for line in done.stderr.splitlines() if line] == [told, "truestroke: interrupted"]
+    assert len(Recording.load("one.h5")["time"]) > 0
 
 
 @pytest.mark.usefixtures("_without_page")

@@ -109,6 +109,15 @@ MISTAKES = {
     ),
     "an infinite desired velocity": (lambda: controller().command(1.0, np.inf), "zdot_d = inf um/s: must be finite"),
     "a measurement as text": (lambda: controller().adapt("3"), "z_measured = '3' um: must be a number"),
+    "half an age": (lambda: controller().adapt(3.0, 0.5), "ago = 0.5: must be a whole number from 0 to 1023"),
+    "an age beyond all numbers": (
+        lambda: controller().adapt(3.0, 10**30),
+        "ago = 10+: must be a whole number from 0 to",
+    ),
+    "half an age of a block": (
+        lambda: controller().process([1.0], [0.0], [1.0], ago=0.5),
+        "ago = 0.5: must be a whole",
+    ),
     "an age as text": (lambda: controller().adapt(3.0, "1"), "ago = '1': must be a number"),
     "words as measurements": (
         lambda: controller().process([1.0], [0.0], ["x"]),
@@ -184,7 +193,7 @@ MISTAKES = {
     ),
     "a number as a model": (
         lambda: truestroke.AdaptiveController.from_model(3, sample_rate=2000.0),
-        "must be the path of a file",
+        "model = 3: must be an ActuatorModel, or the file of one",
     ),
     "a dict as a plant's settings": (
         lambda: plant.RealisticPlant({"noise": 0.0}),

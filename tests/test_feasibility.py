@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from scipy import signal
 
 import truestroke
-from truestroke import ControllerSettings, Dynamics, Mode, SettingError, metrics
+from truestroke import ControllerSettings, Dynamics, Mode, Recording, SettingError, metrics
 from truestroke.cli import main
 from truestroke.control import feasibility
 from truestroke.control.baselines import ConstantGain
@@ -207,6 +207,7 @@ def test_a_command_tells_it_in_a_line_in_its_own_words(tmp_path: Path, monkeypat
         "truestroke: slew_limit is 1530 V/s in place of its default, 504 V/s: the motion needs about"
     )
     assert line.endswith("; a slower motion keeps the default")  # the command has no option for a limit
+    assert Recording.load("truestroke-track.h5").metadata["notices"] == [line.removeprefix("truestroke: ")]
     done = CliRunner().invoke(main, [*fast, "--frequency", "4", "--voltage-limits", "-0.6", "1.9"])
     assert done.stderr == ""  # the prior follows from the limits
 

@@ -248,7 +248,7 @@ TOP = 0.7 * Z.max()
         ((T, X, np.where(np.arange(T.size) == 7, np.nan, Z)), "line 9: displacement is missing"),
         ((T[:2], X[:2], Z[:2]), "2 rows; at least 50"),
         ((np.where(np.arange(T.size) == 20, T[19], T), X, Z), "line 22: time 0.038 s repeats"),
-        ((T, X, -Z), "must be one that rises (--flip-displacement turns its sign)"),
+        ((T, X, -Z), "must be one that rises; --flip-displacement turns its sign: give it, or leave it out"),
     ],
     ids=["constant", "nan", "two-rows", "repeated", "falls"],
 )

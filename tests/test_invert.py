@@ -193,6 +193,8 @@ CLEAN = {"held_out_rmse_um": 0.02}
         ({"tested_frequency": 2.0}, (16.0, 6.0), {}, "doubtful", "above 2 Hz, where the record tests no response"),
         ({"metrics": {"held_out_rmse_um": 0.5}}, (16.0, 1.0), {}, "doubtful", "The error of the model itself is 0.5"),
         ({"metrics": {"held_out_rmse_um": 0.5}}, (2.0, 1.0), {}, "bad", "25 % of the motion's peak-to-peak"),
+        ({}, (16e-6, 1.0), {}, "doubtful", "The motion, 1.6e-05 um, is hidden by the error of the model itself, 0.02"),
+        ({}, (0.2, 1.0), {}, "good", ""),
         ({"provenance": {"verdict": "doubtful", "reason_1": "Noise."}}, (16.0, 1.0), {}, "doubtful", "is doubtful: "),
         ({"provenance": {"verdict": "bad", "reason_1": "Swapped."}}, (16.0, 1.0), {}, "bad", "is bad: Swapped."),
         ({}, (16.0, 1.0), {"slew_limit": 3.0}, "bad", "The slew limit holds the motion back in"),

@@ -28,6 +28,7 @@ from truestroke.signals.recording import Channel, Recording
 
 RATE, LIMITS = 2000.0, (-0.6, 3.6)
 UNITS = {"time": "s", "flags": "", "volts": "V"}
+TIME = np.arange(8000) / RATE
 NOISE = np.random.Generator(np.random.PCG64(0)).normal(size=40_000)
 
 
@@ -128,6 +129,19 @@ def test_a_stage_that_shakes_is_bad_however_much_its_shaking_looks_like_noise():
     for frequency in (50.0, 80.0, 200.0, 500.0, 900.0):
         shaking = 8.0 * np.sin(2 * np.pi * frequency * np.arange(8000) / RATE)
         assert judged(made(noisy(wave() + shaking)))[0] == "bad", frequency
+
+
+@pytest.mark.parametrize("what", ["a load", "a wrong sign", "a voltage limit", "a sensor at its end"])
+def test_what_is_not_followed_at_all_is_not_put_down_to_a_load(what):
+    """A controller that is wrong about its actuator hears lines in the error."""
+    heard, load = {"load": {"frequency_hz": 41.2, "amplitude_um": 0.85}}, 0.85 * np.sin(2 * np.pi * 41.2 * TIME)
+    runs = {
+        "a load": made(noisy(wave() + load), metadata=heard),
+        "a wrong sign": made(noisy(-wave()), metadata=heard),
+        "a voltage limit": made(noisy(np.minimum(wave(), 12.0)), metadata=heard, flags=flags(saturated=wave() > 12.0)),
+        "a sensor at its end": made(np.minimum(noisy(wave()), 12.0), volts=wave() / 10.0, metadata=heard),
+    }
+    assert ("A load of 41.2 Hz" in judged(runs[what])[1]) is (what == "a load")
 
 
 def test_a_shaken_stage_that_the_controller_calmed_is_said():
@@ -657,3 +671,20 @@ def test_a_resonance_that_was_given_is_named_where_the_motion_is_not_followed(gi
     reasons = " ".join(found.reasons)
     assert said in reasons
     assert ("resonance =" in reasons) is bool(said)
+
+
+@pytest.mark.parametrize(
+    ("known", "what", "said"),
+    [
+        (150.0, {"restored": slice(400, 900)}, True),
+        (150.0, {"changed": slice(400, 440)}, True),
+        (150.0, {}, False),
+        (370.0, {"restored": slice(400, 900)}, False),
+    ],
+)
+def test_a_resonance_that_was_given_is_named_where_the_motion_burst_and_was_followed_later(known, what, said):
+    settings = {"name": "AdaptiveController", "settings": {"stroke": 30.0, "resonance": 400.0}}
+    about = {"controller": settings, "resonance": known}
+    text = judged(made(noisy(wave()), metadata=about, flags=flags(**what)))[1]
+    assert ("resonance = 400 Hz, and the measurements showed 150 Hz" in text) is said
+    assert ("resonance =" in text) is said

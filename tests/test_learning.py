@@ -646,6 +646,9 @@ def test_a_motion_that_cannot_be_learned_is_refused_before_anything_moves(option
     result = CliRunner().invoke(main, ["learn", "--config", "stage.toml", *options])
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert words in result.stderr
+    Path("stage.toml").write_text(fast.replace("stroke = 30.0", ""))
+    without = CliRunner().invoke(main, ["learn", "--config", "stage.toml"]).stderr
+    assert "stage.toml: [[axis]] x: stroke = missing: must be given, such as stroke = 30.0 (um)" in without
 
 
 def test_a_driver_of_another_rate_is_refused_before_it_is_measured(monkeypatch):

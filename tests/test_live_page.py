@@ -263,6 +263,49 @@ def test_who_does_not_read_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
         there.close()
 
 
+@pytest.mark.parametrize(
+    ("asked", "later", "seconds", "kept"),
+    [
+        (b"GET / HTTP/1.1\r\n\r\n", b"", 30.0, True),
+        (b"GET / HTTP/1.1\r\n\r", b"\n", 30.0, True),
+        (b"GET / HTTP/1.1\r\n\r\n", b"", 61.0, False),
+        (b"GET / HT", b"TP", 6.0, False),
+    ],
+)
+def test_pages_may_be_slow_and_a_visitor_may_not(
+    asked: bytes, later: bytes, seconds: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where all processors are busy the pages, which give way, have answered after more than five seconds."""
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with socket.create_server(("127.0.0.1", 0)) as pages, selectors.DefaultSelector() as selector:
+        relays = relay.Relays(selector)
+        reader, visitor = socket.socketpair()
+        visitor.setblocking(False)
+        relays.begin(visitor, asked, pages.getsockname()[1])
+        reader.sendall(later)
+        there, _ = pages.accept()
+
+        def look() -> None:
+            for _ in range(5):
+                for key, _ in selector.select(0.01):
+                    key.data(key.fileobj)
+            relays.give_up()
+
+        look()
+        clock[0] = seconds
+        look()
+        assert len(relays) == kept
+        if kept:
+            there.sendall(b"HTTP/1.1 200")
+            look()
+            assert reader.recv(100) == b"HTTP/1.1 200"
+        for one in (reader, there):
+            one.close()
+        look()
+        assert len(relays) == 0
+
+
 def test_a_flood_of_orders_without_a_token_waits_and_stop_does_not() -> None:
     settings = LiveSettings(port=0, control=CONTROL, reading=READING)
     shared, bound = server.blank(1, 1000.0), settings.bound()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from truestroke import SettingError, metrics
+from truestroke.report import words
 
 RATE = 2000.0
 
@@ -92,6 +93,17 @@ def test_summary_counts_the_later_part():
     assert (s.true_rmse_um, s.saturated_ticks, s.held_ticks) == (None, None, None)
     assert metrics.summary(rec, start=0.0).measured_maximum_um == 1.0
     assert json.loads(json.dumps(s.as_dict()))["measured_rmse_um"] == s.measured_rmse_um
+
+
+@pytest.mark.parametrize(("begins", "said"), [(3.2, "not known: errors are judged for less than 1 s"), (2.5, "after ")])
+def test_convergence_of_errors_that_are_judged_for_less_than_a_second_is_not_known(begins, said):
+    """Of a scan with few rows behind its lead-in a good verdict had "not before the end"."""
+    t = recording()["time"]
+    rec = recording(flat=(t >= begins).astype(np.uint8))
+    rec["measured"] += 0.5 * (t < 2.8)
+    s = metrics.summary(rec)
+    assert s.judged_s == pytest.approx(4.0 - begins)
+    assert words.course(s)[0][1].startswith(said)
 
 
 def test_summary_with_truth_flags_and_gaps():

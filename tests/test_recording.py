@@ -1,6 +1,8 @@
 """Recordings: to the disk and back, to the last bit; clear refusals."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -91,6 +93,35 @@ def test_a_crash_while_saving_leaves_the_old_file(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]  # no draft lies about
 
 
+FULL = """
+import resource, sys
+import numpy as np
+from truestroke import Recording, scans
+from truestroke.signals.recording import Channel
+
+time = Channel(np.arange(9000) / 2000.0, "s", "start of each tick")
+measured = Channel(np.random.default_rng(0).normal(size=9000), "um", "measured displacement")
+long = Recording({"time": time, "measured": measured})
+image = scans.Image(data=np.ones((90, 90)), name="a", unit="nm", size=(1.0, 1.0))
+for size in (0, 100, 700, 5000, 20_000, 60_000):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    for save, file in ((long.save, "run.h5"), (lambda name: scans.save_images(name, [image]), "scan.nxs")):
+        try:
+            save(file)
+        except OSError as error:
+            assert error.filename == file, error
+        else:
+            raise AssertionError(f"{file}: {size} bytes were enough")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of a file")
+def test_a_disk_that_refuses_a_part_is_an_error_that_names_the_file_and_no_crash_of_hdf5(tmp_path):
+    done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not list(tmp_path.iterdir())
+
+
 def test_metadata_may_be_long(tmp_path):
     recording = example(table=list(range(100_000)))
     assert_equal_to_the_bit(recording, Recording.load(recording.save(tmp_path / "run.h5")))
@@ -121,6 +152,16 @@ def test_refusals_say_why(tmp_path):
         Recording.load(tmp_path / "none.h5")
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         example().save(tmp_path / "no" / "run.h5")
+
+
+def test_a_folder_in_the_place_of_a_file_is_called_one(tmp_path):
+    """`Recording.load` and `read_record` said "no such file", `load_model` and `Dynamics.load` "[Errno 21]"."""
+    for read in (Recording.load, truestroke.read_record, truestroke.scans.read_images):
+        with pytest.raises(IsADirectoryError, match="is a folder; name a file"):
+            read(tmp_path)
+    for read in (truestroke.load_model, truestroke.Dynamics.load):
+        with pytest.raises(truestroke.FileError, match="the file = a folder: must be a file of TOML"):
+            read(tmp_path)
 
 
 def test_channels_must_fit_their_time():

@@ -301,7 +301,7 @@ def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):
     before = {name: (tmp_path / name).read_bytes() for name in ("model.toml", "wave.csv")}
     for words, message, code in (
         (["--next", "next.csv"], "--next needs --waveform", 2),
-        (["--waveform", "wave.csv"], "is it the recording of this waveform", 2),
+        (["--waveform", "wave.csv"], "RECORD = a voltage that differs from the waveform's by", 2),
         (["--waveform", "rec.csv"], "no column desired, what the waveform should have moved", 1),
         (["--output", "no/model.toml"], "there is no folder no", 1),
         (["--output", "model.toml"], "would replace the file that --model names; choose another name", 2),
@@ -311,6 +311,8 @@ def test_command_refuses_what_does_not_fit(tmp_path, monkeypatch):
         assert done.exit_code == code
         assert message in done.stderr
         assert done.stderr.count("\n") == 1
+    done = CliRunner().invoke(main, ["identify", "model.toml"])  # whose default --output it is
+    assert "RECORD model.toml is a model; it must be a table of numbers or a recording." in done.stderr
     assert before == {name: (tmp_path / name).read_bytes() for name in before}
 
 

@@ -331,6 +331,14 @@ def test_staircase_rests_on_each_level():
     ("call", "message"),
     [
         (lambda: tr.sine(frequency=1000.0), "frequency = 1000.0 Hz: must be below half of the sample rate, 1000 Hz"),
+        (
+            lambda: tr.sine(duration=1e9),
+            "duration = 1000000000.0 s: must be from 0.001 to 500000 s, 2 to 1000000000 ticks",
+        ),
+        (
+            lambda: tr.sine(sample_rate=0.05),
+            r"duration = 20.0 s: must be from 40 to .* s, 2 to 1000000000 ticks of 0.05",
+        ),
         (lambda: tr.sine(ramp=11.0), "ramp = 11.0 s: must be from 0 to 10 s, half of the duration of 20 s"),
         (lambda: tr.triangle(), "speed = None um/s: must be given"),
         (lambda: tr.triangle(speed=1.0, frequency=1.0), "not both"),

@@ -750,7 +750,16 @@ PyObject *adapt(PyObject *self, PyObject *const *args, Py_ssize_t positional, Py
     double z = PyFloat_AsDouble(values[0]);
     if (z == -1 && PyErr_Occurred()) return refused("z_measured", values[0], "um");
     long ago = values[1] == Py_None ? 0 : PyLong_AsLong(values[1]);
-    if (ago == -1 && PyErr_Occurred()) return refused("ago", values[1], "");
+    if (ago == -1 && PyErr_Occurred()) {
+        PyErr_Clear();
+        try {
+            nb::object count = nb::module_::import_("truestroke.base.checks").attr("count");
+            ago = nb::cast<long>(count("ago", nb::handle(values[1]), 0, TS_HISTORY - 1));
+        } catch (nb::python_error &error) {
+            error.restore();
+            return nullptr;
+        }
+    }
     int late = static_cast<int>(std::clamp(ago, -1L, static_cast<long>(TS_HISTORY))); // both ends are refused
     if (kernel->adapt(z, late) == TS_BEYOND_REACH) {
         try {

@@ -203,6 +203,10 @@ def writing(path: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
         if place.exists():
             draft.chmod(place.stat().st_mode & 0o7777)
         draft.replace(place)
+    except OSError as error:
+        if error.errno is None or error.filename not in (None, str(draft)):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         draft.unlink(missing_ok=True)
 
@@ -341,6 +345,21 @@ def busy(path: Path) -> bool:
 
 
 # ---- Reading -------------------------------------------------------------------------------------------------------
+
+
+def existing(path: Path) -> Path:
+    """The same path, of a file that is there.
+
+    Raises
+    ------
+    FileNotFoundError, IsADirectoryError
+        There is none, or it is a folder.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder; name a file", str(path))
+    if not path.is_file():
+        raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
+    return path
 
 
 @contextmanager

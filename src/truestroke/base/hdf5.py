@@ -41,6 +41,63 @@ def opened(path: Path) -> Iterator[Any]:
         yield held.enter_context(file)
 
 
+@contextmanager
+def written(path: Path, **options: Any) -> Iterator[Any]:
+    """An HDF5 file to write, `options` as of `h5py.File`; an OSError of the disk is raised when HDF5 has closed it.
+
+    HDF5 itself crashes at the end of the process where the disk has refused a part of a file.
+    """
+    import h5py
+
+    with path.open("wb+", buffering=0) as disk, _Refusable(disk) as place, h5py.File(place, "w", **options) as file:
+        yield file
+
+
+class _Refusable:
+    """A file whose disk may refuse to take more: all of it is in memory from then on, and leaving it is an error."""
+
+    def __init__(self, file: io.FileIO) -> None:
+        self._file: io.FileIO | io.BytesIO = file
+        self._refused: OSError | None = None
+
+    def __enter__(self) -> "_Refusable":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._refused is not None:
+            raise self._refused
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def write(self, data: memoryview) -> int:
+        """All of the data."""
+        done = 0
+        try:
+            while done < len(data):
+                done += self._file.write(data[done:])
+        except OSError as error:
+            self._refused = error
+            self._to_memory()
+            self._file.write(data[done:])
+        return len(data)
+
+    def truncate(self, size: int) -> int:
+        """To a size, be it larger."""
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self._refused = error
+            self._to_memory()
+            return self._file.truncate(size)
+
+    def _to_memory(self) -> None:
+        place, disk = self._file.tell(), self._file
+        disk.seek(0)
+        self._file = io.BytesIO(disk.read())
+        self._file.seek(place)
+
+
 def _closed(path: Path) -> bytes | None:
     """First bytes of a file as if it were closed and ended where it does; None where they are not right."""
     with path.open("rb") as file:

@@ -12,7 +12,7 @@ import os
 import re
 import tomllib
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -58,10 +58,12 @@ def source(path: str | os.PathLike[str]) -> str:
     Raises
     ------
     SettingError
-        It is no text.
+        It is no text, or a folder.
     OSError
         It cannot be read.
     """
+    if Path(path).is_dir():
+        raise SettingError("the file", "a folder", "a file of TOML")
     data = Path(path).read_bytes()
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
@@ -110,7 +112,8 @@ def decode(
     also : tuple of str
         Keys that are allowed, but not passed to `make`.
     elsewhere : mapping of str to str
-        Of keys that are not, where they belong, for the error.
+        Of keys that are not, here or in an inner table, where they belong, for the error. So do the keys that a field
+        has by its metadata "keys", a function without arguments.
     **fixed
         Arguments that are no keys.
 
@@ -135,21 +138,36 @@ def decode(
     parameters = inspect.signature(make).parameters
     fields = dataclasses.fields(make) if dataclasses.is_dataclass(make) else ()
     examples = {one.name: one.metadata.get("example", "") for one in fields}
-    checks.known(given, (*also, *(name for name in parameters if name not in fixed)), elsewhere)
+    names = (*also, *(name for name in parameters if name not in fixed))
+    inner = _inner(fields) if any(name not in names for name in given) else {}
+    checks.known(given, names, {**inner, **elsewhere})
     for name, parameter in parameters.items():
         if parameter.default is inspect.Parameter.empty and name not in fixed:
             needed(given, name, examples.get(name, ""))
-    return make(**arguments(make, {name: given[name] for name in given if name not in also}), **fixed)
+    return make(**arguments(make, {name: given[name] for name in given if name not in also}, elsewhere), **fixed)
 
 
-def arguments(make: Callable[..., object], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of some parameters of `make`, of the types of their annotations."""
+def _inner(fields: Sequence[dataclasses.Field[Any]]) -> dict[str, str]:
+    """Of the keys that fields have which are declared as mappings, where they belong."""
+    places: dict[str, list[str]] = {}
+    for one in fields:
+        for key in one.metadata.get("keys", tuple)():
+            places.setdefault(key, []).append(one.name)
+    return {key: f"in {' or '.join(names)}" for key, names in places.items()}
+
+
+def arguments(
+    make: Callable[..., object], given: Mapping[str, Any], elsewhere: Mapping[str, str] = types.MappingProxyType({})
+) -> dict[str, Any]:
+    """The values of some parameters of `make`, of the types of their annotations; `elsewhere` as in `decode`."""
     hints, fields = get_type_hints(make), dataclasses.fields(make) if dataclasses.is_dataclass(make) else ()
     units = {field.name: str(field.metadata.get("unit", "")) for field in fields}
-    return {name: value(name, entry, hints[name], units.get(name, "")) for name, entry in given.items()}
+    return {name: value(name, entry, hints[name], units.get(name, ""), elsewhere) for name, entry in given.items()}
 
 
-def value(name: str, given: Any, hint: Any, unit: str = "") -> Any:
+def value(
+    name: str, given: Any, hint: Any, unit: str = "", elsewhere: Mapping[str, str] = types.MappingProxyType({})
+) -> Any:
     """A value of the type of an annotation: a string is no number, and neither is a truth value.
 
     >>> value("stroke", "30", float, "um")
@@ -159,19 +177,22 @@ def value(name: str, given: Any, hint: Any, unit: str = "") -> Any:
     """
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType) and (fitting := [one for one in inner if _fits(given, one)]):
-        return value(name, given, fitting[0], unit)
+        return value(name, given, fitting[0], unit, elsewhere)
     if not _fits(given, hint):
         raise SettingError(name, checks.tabled(given), _called(hint) + _remedy(name, given, hint, inner), unit)
     if _outer(hint) is tuple:
         return tuple(value(name, entry, inner[0], unit) for entry in given)
     if dataclasses.is_dataclass(hint) and isinstance(given, Mapping):
         with checks.inside(f"{name}."):
-            return decode(hint, given)  # type: ignore[arg-type]
+            return decode(hint, given, elsewhere=elsewhere)  # type: ignore[arg-type]
     return given
 
 
 def _remedy(name: str, given: Any, hint: Any, inner: tuple[Any, ...]) -> str:
     """What to change where a value has another type, if that is known."""
+    if isinstance(given, str) and get_origin(hint) is tuple and float in inner:
+        number = re.search(r"[-+]?\d+(\.\d+)?", given)
+        return f" of numbers, without quotes: {name} = [{number[0] if number else '...'}]"
     if isinstance(given, str) and {int, float, bool} & {hint, *inner}:
         return "" if any(get_origin(one) is Literal for one in inner) else ", without quotes"
     if isinstance(given, Mapping) and _outer(hint) is tuple and _outer(inner[0]) is Mapping:

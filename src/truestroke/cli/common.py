@@ -59,12 +59,19 @@ class ExistingFile(click.Path):
         folder = path.absolute().parent
         if not folder.is_dir():
             self.fail(f"there is no folder {folder}.", param, ctx)
-        others = [one for one in sorted(folder.glob(f"*{path.suffix}")) if one.is_file()]
-        near = difflib.get_close_matches(path.stem, [one.stem for one in others], n=1)
-        meant = inputs.preferred(param, [one for one in others if one.stem in near])
+        meant = inputs.preferred(param, _alike(path, folder))
         maker = inputs.MAKERS.get(param.name or "") if param else None
         remedy = f"; did you mean {meant.name}?" if meant else f"; {maker}." if maker else "."
         self.fail(f"there is no file {path.name} in {folder}{remedy}", param, ctx)
+
+
+def _alike(path: Path, folder: Path) -> list[Path]:
+    """Files of a folder whose name is near to that of a path: of the same ending first."""
+    there = [one for one in sorted(folder.iterdir()) if one.is_file()]
+    ending = [one for one in there if path.suffix in ("", one.suffix)]
+    stems = difflib.get_close_matches(path.stem, [one.stem for one in ending], n=1)
+    names = difflib.get_close_matches(path.name, [one.name for one in there], n=1, cutoff=0.8)
+    return [one for one in ending if one.stem in stems] or [one for one in there if one.name in names]
 
 
 FILE = ExistingFile()
@@ -156,6 +163,9 @@ def in_plain_words(error: click.UsageError) -> str:
     if isinstance(error, click.MissingParameter) and param is not None:
         says = inputs.MAKERS.get(param.name or "") or getattr(param, "help", None)
         message = f"{message.rstrip('.')}: {says.rstrip('.')}." if says else message
+    if (extra := re.search(r"unexpected extra argument \((\S+)\)", message)) and error.ctx is not None:
+        named = inputs.option_of(error.ctx.command, extra[1])
+        message = f"{message.rstrip('.')}; did you mean {named} {extra[1]}?" if named else message
     unit = UNITS.get(metavar or "")
     asked = f", in {unit} and without the unit" if unit else ""
     return re.sub(
@@ -179,7 +189,7 @@ def _code_of(error: BaseException | None) -> int:
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
     """What a run warns of before it begins, as a line on stderr, in the words of the command that is called."""
-    from truestroke.control.feasibility import LOWER, NAMES, LimitWarning
+    from truestroke.control.feasibility import LimitWarning
 
     others, shown = warnings.showwarning, (LimitWarning, LatenessWarning, ModelWarning)
 
@@ -187,13 +197,7 @@ def _warnings_as_lines() -> Iterator[None]:
         if not issubclass(category, shown):
             others(message, category, *where, **more)
             return
-        context, text = click.get_current_context(silent=True), str(message)
-        if context and NAMES["slew"] not in context.params:
-            text = text.replace(LOWER.format(NAMES["slew"]), "; a slower motion keeps the default")
-        for name in NAMES.values():
-            if context and name in context.params:
-                text = text.replace(name, f"--{name.replace('_', '-')}")
-        click.echo(f"truestroke: {text}", err=True)
+        click.echo(f"truestroke: {notice(str(message))}", err=True)
 
     with warnings.catch_warnings():
         for category in shown:
@@ -202,13 +206,29 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
 
 
+def notice(text: str) -> str:
+    """What is said before a run, with the options of the command that is called in place of arguments of Python."""
+    from truestroke.control.feasibility import LOWER, NAMES
+
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return text
+    if NAMES["slew"] not in context.params:
+        text = text.replace(LOWER.format(NAMES["slew"]), "; a slower motion keeps the default")
+    for name in NAMES.values():
+        if name in context.params:
+            text = text.replace(name, f"--{name.replace('_', '-')}")
+    return text
+
+
 def in_words_of(command: click.Command | None, text: str, quote: str = "") -> str:
-    """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option.
+    """A text of the library as a reader of the command line knows it: `name` of an argument becomes its option or NAME.
 
     So does the name that a `SettingError` begins with. Options in place of names in backticks are between `quote`.
     """
-    options = [one for one in command.params if isinstance(one, click.Option)] if command else []
-    names = {one.name: one.opts[0] for one in options}
+    params = command.params if command else []
+    names = {one.name: one.opts[0] for one in params if isinstance(one, click.Option)}
+    names |= {one.name: one.opts[0].upper() for one in params if isinstance(one, click.Argument) and not one.metavar}
 
     def option(match: re.Match[str]) -> str:
         name = match[1] or match[2]
@@ -356,11 +376,9 @@ def _refuse_an_input(option: str, path: Path) -> None:
         reads = argument or (isinstance(parameter.type, click.Path) and parameter.type.exists)
         if reads and isinstance(given, str | Path) and Path(given).is_file() and path.samefile(given):
             name = (parameter.name or "").upper() if argument else parameter.opts[0]
-            another = f"{path.stem}-2{path.suffix}"
-            raise click.UsageError(
-                f"{option} {path}: would replace the file that {name} names; choose another name, such as {another}, "
-                "or --overwrite it."
-            )
+            another = f"such as {path.stem}-2{path.suffix}, or --overwrite it"
+            replaced = f"would replace the file that {name} names; choose another name, {another}."
+            raise click.UsageError(inputs.mistaken(context) or f"{option} {path}: {replaced}")
 
 
 def _kind(ending: str) -> files.Kind:

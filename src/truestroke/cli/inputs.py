@@ -14,6 +14,8 @@ MAKERS = {  # of a file, by the option that takes it
     "config": "`truestroke run --example` prints one",
     "model": "`truestroke identify` writes it",
     "dynamics": "`truestroke bode` writes it",
+    "waveform": "`truestroke invert` writes it",
+    "recording": "`truestroke run` or `truestroke track` writes it",
 }
 MODEL, DYNAMICS, CONFIGURATION = "a model", "a file of dynamics", "a configuration"
 TABLE, RECORDING, IMAGE = "a table of numbers", "a recording", "an image"
@@ -50,6 +52,16 @@ def preferred(parameter: click.Parameter | None, paths: list[Path]) -> Path | No
     """The first of the files that is of a kind that the parameter takes, else the first one."""
     fitting = (path for path in paths if parameter is not None and kind_of(path) in _wanted((parameter, path)))
     return next(fitting, paths[0] if paths else None)
+
+
+def option_of(command: click.Command, word: str) -> str:
+    """The option of a command that takes a word: one of its choices, or a file of its kind; empty where none does."""
+    kind = kind_of(Path(word))
+    for one in command.params:
+        choices = one.type.choices if isinstance(one.type, click.Choice) else (one.metavar or "").strip("[]").split("|")
+        if isinstance(one, click.Option) and (word in choices or (kind and kind in WANTED.get(one.name or "", ()))):
+            return one.opts[0]
+    return ""
 
 
 def mistaken(context: click.Context) -> str:

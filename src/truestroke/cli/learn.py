@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.base import files
+from truestroke.base import checks, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, realtime, waveforms
 
@@ -202,6 +202,9 @@ def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str
     for key in ("dynamics", "model"):
         inside = table.settings.get(key) if key == "dynamics" else table.model
         options[key] = options[key] or (config.parent / str(inside) if inside else None)
+    if options["model"] is None:
+        with checks.inside(f"{config}: [[axis]] {table.name}: "):
+            table.needed_stroke()
     return driver, table.limits | {"stroke": table.stroke, "resonance": table.resonance, "zero": table.zero}, rate
 
 

@@ -22,8 +22,11 @@ SHORTEST = 20  # ticks that can be plotted
 
 
 def own(recording: truestroke.Recording) -> truestroke.Recording:
-    """The same with the command that made it."""
-    return type(recording)(recording.channels, recording.metadata | common.as_asked())
+    """The same with the command that made it, and in its words."""
+    about = recording.metadata | common.as_asked()
+    if notices := about.get("notices"):
+        about["notices"] = [common.notice(text) for text in notices]
+    return type(recording)(recording.channels, about)
 
 
 def recorded(what: str, run: Callable[[Progress | None], truestroke.Recording], file: Path) -> truestroke.Recording:
@@ -60,7 +63,11 @@ def finish(
     with common.progress("plotting"):
         from truestroke.report import run_page
 
-        pictures = common.save_page(run_page(recording), page_file, plots)
+        try:
+            pictures = common.save_page(run_page(recording), page_file, plots)
+        except KeyboardInterrupt:
+            common.complain(f"the recording is in {recording_file}; its page: truestroke report {recording_file}")
+            raise
     if as_json:
         files = {"recording": str(recording_file), "page": str(page_file), "pictures": pictures}
         each = {name: one.as_dict() for name, one in found.items() if one is not None}

@@ -399,6 +399,7 @@ class AdaptiveController(Displayed):
         z_d, zdot_d = checks.finite_array("z_d", z_d, "um"), checks.finite_array("zdot_d", zdot_d, "um/s")
         volts = np.empty_like(z_d)
         measured = None if z_measured is None else checks.signal("z_measured", z_measured, "um")
+        ago = checks.count("ago", ago, 0, _kernel.HISTORY - 1)
         self._kernel.process(np.ascontiguousarray(z_d), np.ascontiguousarray(zdot_d), measured, volts, ago)
         return volts
 

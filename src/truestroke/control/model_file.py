@@ -208,6 +208,8 @@ def taken(model: ActuatorModel | str | os.PathLike[str]) -> ActuatorModel:
         if model.verdict.is_bad:
             _warn_once(model, "", 4)
         return model
+    if not isinstance(model, str | os.PathLike):
+        raise SettingError("model", checks.described(model), "an ActuatorModel, or the file of one in quotes")
     known, source = load_model(model), f"{os.fspath(model)}: "
     _refuse_bad(known, source)
     _warn_once(known, source, 4)

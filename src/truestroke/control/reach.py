@@ -14,7 +14,7 @@ from truestroke.base.verdict import Level, Verdict
 from truestroke.control.interval import BEYOND
 from truestroke.control.spans import Beyond, Span, in_words, spans
 from truestroke.signals import metrics
-from truestroke.signals.judgement import LIMITED, NOT_FOLLOWED, STUCK
+from truestroke.signals.judgement import HIDDEN, LIMITED, NOT_FOLLOWED, STUCK
 
 if TYPE_CHECKING:
     from truestroke.control.actuator import ActuatorModel
@@ -237,4 +237,10 @@ def _of_model(model: "ActuatorModel", made: Made, least: float) -> Iterator[Find
             _level(error, least),
             f"The error of the model itself is {_share(error, made)}, rms: correct the waveform pass by pass, with "
             "`truestroke refine`, or identify a better model.",
+        )
+    elif 0.0 < (span := float(np.ptp(made.desired))) < error / HIDDEN:
+        yield (
+            "doubtful",
+            f"The motion, {span:.3g} um, is hidden by the error of the model itself, {figures(error)} um rms: it "
+            "may be all wrong. Is the motion in um? Else move further.",
         )

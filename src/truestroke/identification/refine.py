@@ -25,6 +25,7 @@ from truestroke.model.dynamics import EXPECTED as DYNAMICS
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.sampled import REST, central_difference
 from truestroke.signals.channels import Sampled
+from truestroke.signals.metrics import rms
 from truestroke.signals.quiet import noise_not_followed, without_noise
 
 STEPS = 3  # Gauss-Newton
@@ -128,7 +129,7 @@ class Refined(Sampled):
     @property
     def rmse(self) -> float | None:
         """Of the pass: measured against desired, um."""
-        return None if self.error is None else _rms(self.error)
+        return None if self.error is None else rms(self.error)
 
     @property
     def maximum(self) -> float | None:
@@ -208,7 +209,7 @@ def refine(
     skip = 0 if waveform is not None else data.settled
     fitted = _fitted(model, data, skip)
     before, residual = (z - of.forward(x, fs, rest=rest) for of in (model, fitted))
-    old, new = (_rms(error[skip * data.every :]) for error in (before, residual))
+    old, new = (rms(error[skip * data.every :]) for error in (before, residual))
     if new > OTHER * (spread := float(np.std(z[skip * data.every :]))):
         value = f"one of which the refined model leaves {new:.3g} um rms"
         bound = f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
@@ -253,7 +254,7 @@ def _as_before(found: Refined, old: ActuatorModel) -> Refined:
 
 def _noise(z: FloatArray) -> float:
     """Standard deviation of what changes from sample to sample, um: by fourth differences."""
-    return _rms(np.diff(z, 4)) / math.sqrt(70.0)
+    return rms(np.diff(z, 4)) / math.sqrt(70.0)
 
 
 def _slewed(volts: FloatArray, step: float) -> FloatArray:
@@ -269,7 +270,7 @@ def _slewed(volts: FloatArray, step: float) -> FloatArray:
 def _corrected(found: Refined, waveform: Waveform) -> Refined:
     """With the correction of the next pass, which builds on the best of the last passes."""
     made = (*waveform.passes, (waveform.volts, found.measured))
-    errors = [_rms(z - waveform.desired) for _, z in made]
+    errors = [rms(z - waveform.desired) for _, z in made]
     best = int(np.argmin(errors))
     best = len(made) - 1 if errors[-1] <= WORSE * errors[best] else best
     worse = sum(1 for error in errors[best + 1 :] if error > WORSE * errors[best])
@@ -284,10 +285,6 @@ def _corrected(found: Refined, waveform: Waveform) -> Refined:
         passes=tuple(made[k] for k in last),
         best=last.index(best),
     )
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 # ---- The fit -------------------------------------------------------------------------------------------------------
@@ -336,7 +333,7 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
     P = uncertainty.covariance(J, shown[:-1, :-1], residual, prior, weight)
     times = {"delay": model.delay, "time_constant": model.time_constant, "dynamics": model.dynamics}
     plain = None if model.plain is None else _fitted(model.plain, data, skip)
-    return made.replace(covariance=P[: s.parameters, : s.parameters], noise=_rms(residual), plain=plain, **times)
+    return made.replace(covariance=P[: s.parameters, : s.parameters], noise=rms(residual), plain=plain, **times)
 
 
 def _prior(model: ActuatorModel, s: Structure, data: Data) -> Prior:
@@ -383,7 +380,7 @@ def _undone(found: Refined, old: ActuatorModel, best: float, source: str) -> Ref
     metrics = {name: old.metrics[name] for name in ("samples", "spread_um", "best_pass_um")}
     model = kept.replace(before=None, metrics={**kept.metrics, **metrics}, provenance=provenance)
     residual = found.measured - kept.forward(found.volts, found.sample_rate, rest=found.rest)
-    return dataclasses.replace(found, model=model, residual=residual, after=_rms(residual), undone=text)
+    return dataclasses.replace(found, model=model, residual=residual, after=rms(residual), undone=text)
 
 
 def _documented(found: Refined, old: ActuatorModel, source: str, motion: dict[str, float]) -> Refined:
@@ -432,7 +429,7 @@ def _aligned(record: Record, waveform: Waveform) -> tuple[FloatArray, FloatArray
         shift += part if abs(part) > WHOLE else 0.0
     at = np.clip(start + (shift + np.arange(wanted.size)) / fs, start, stop)
     x, z = np.interp(at, time, volts), np.interp(at, time, displacement)
-    off = _rms(x - wanted)
+    off = rms(x - wanted)
     if off > SAME * np.ptp(wanted):
         value = f"a voltage that differs from the waveform's by {off:.3g} V rms"
         bound = f"within {SAME * np.ptp(wanted):.3g} V of it: is it the recording of this waveform, in the same volts?"
@@ -445,7 +442,7 @@ def _refuse_earlier(x: FloatArray, z: FloatArray, waveform: Waveform) -> None:
     """SettingError where the record is that of a pass before: its correction would be made twice."""
     slope = float(np.std(z) / np.std(x))
     for number, (volts, measured) in enumerate(waveform.passes, 1):
-        changed = _rms(waveform.volts - volts)
-        if _rms(x - volts) < EARLIER * _rms(x - waveform.volts) and _rms(z - measured) < EARLIER * slope * changed:
+        changed = rms(waveform.volts - volts)
+        if rms(x - volts) < EARLIER * rms(x - waveform.volts) and rms(z - measured) < EARLIER * slope * changed:
             value = f"the voltage and displacement of pass {number}, which the waveform has with it"
             raise SettingError("record", value, "those of the waveform itself: output it, and record again")

@@ -24,6 +24,7 @@ from truestroke.identification.held_out.validation import NEGLIGIBLE, NOISE, siz
 from truestroke.identification.records import resting
 from truestroke.identification.records.series import first_known, series, settled
 from truestroke.signals.clipping import runs
+from truestroke.signals.metrics import rms
 from truestroke.signals.noise import noise
 
 HELD = 0.8  # of the samples in the interval, at least
@@ -135,13 +136,13 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     judged = resting.judged(s.volts, rest, after)
     numbers = {
         "offset_um": moved,
-        "rmse_um": _rms(rest[judged]),
+        "rmse_um": rms(rest[judged]),
         "maximum_um": float(np.abs(rest[judged]).max()),
-        "rmse_percent": 100 * _rms(rest[judged]) / float(np.ptp(s.displacement)),
-        "rmse_without_offset_um": _rms(error[judged]),
+        "rmse_percent": 100 * rms(rest[judged]) / float(np.ptp(s.displacement)),
+        "rmse_without_offset_um": rms(error[judged]),
         "coverage": float(np.mean(np.abs(rest) <= width, where=judged)),
         "half_width_um": float(np.median(width[judged])),
-        "start_rmse_um": _rms(rest[start]) if start.any() else math.nan,
+        "start_rmse_um": rms(rest[start]) if start.any() else math.nan,
         "start_maximum_um": float(np.abs(rest[start]).max()) if start.any() else math.nan,
     }
     trace = Trace(**vars(s), predicted=predicted + moved, half_width=width, held_out=swept)
@@ -160,10 +161,6 @@ def _start(x: FloatArray) -> int:
     moves = resting.moving(x)
     early = np.count_nonzero(moves[:swept]) < LATEST * np.count_nonzero(moves)
     return swept if early else first_known(x, span)
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: FloatArray, centred: bool) -> FloatArray:
@@ -278,7 +275,7 @@ def _there(part: Beyond, error: FloatArray, judged: npt.NDArray[np.bool_], fs: f
     there, elsewhere = judged & inside, judged & ~inside
     if not there.any() or np.mean(inside[judged]) > MOSTLY:
         return bool(there.any())
-    return _rms(error[there]) > THERE * _rms(error[elsewhere])
+    return rms(error[there]) > THERE * rms(error[elsewhere])
 
 
 def _verdict(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -202,10 +201,6 @@ class MultiAxisStage(Simulated):
             raise SettingError(f"volts[{tick}, {axis}]", volts[tick, axis], "finite", "V")
         self.truth = truth
         return measured
-
-    def describe(self) -> dict[str, object]:
-        """Kind, settings and seed, as plain data for a recording."""
-        return {"kind": self.kind, "seed": self.seed, **dataclasses.asdict(self.settings)}
 
     def _display(self) -> tuple[str, Rows]:
         s = self.settings

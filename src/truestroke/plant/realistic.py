@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from truestroke._plant import Plant
 from truestroke.base import checks, declared
-from truestroke.plant.noise import Noise
 from truestroke.plant.settings import PLANT_SETTINGS, PlantSettings
 from truestroke.plant.simulated import Simulated
 
@@ -49,13 +48,4 @@ class RealisticPlant(Simulated):
         given = PlantSettings() if settings is None else settings
         self.settings = checks.instance("settings", given, PlantSettings, "a PlantSettings")
         self._samples = self.settings.samples_per_tick
-        ticks = [(checks.count("dropouts", a, 0, 10**9), checks.count("dropouts", b, 0, 10**9)) for a, b in dropouts]
-        self.dropouts = tuple(ticks)
-        super().__init__(Plant(declared.kernel_values(self.settings, PLANT_SETTINGS)), seed)
-
-    def _random(self) -> Noise:
-        return Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
-
-    def describe(self) -> dict[str, object]:
-        """Kind, settings, seed and dropouts, as plain data for a recording."""
-        return super().describe() | ({"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {})
+        super().__init__(Plant(declared.kernel_values(self.settings, PLANT_SETTINGS)), seed, dropouts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,9 +38,11 @@ class Simulated(Displayed):
 
     __copy__ = copy.deepcopy  # a shallow copy would share arrays and kernels
 
-    def __init__(self, plant: Any, seed: int) -> None:
+    def __init__(self, plant: Any, seed: int, dropouts: Sequence[tuple[int, int]] = ()) -> None:
         self._plant = plant
         self.seed = checked_seed(seed)
+        ticks = [(checks.count("dropouts", a, 0, 10**9), checks.count("dropouts", b, 0, 10**9)) for a, b in dropouts]
+        self.dropouts = tuple(ticks)
         self.open()
 
     def _display(self) -> tuple[str, Rows]:
@@ -48,13 +51,9 @@ class Simulated(Displayed):
     def open(self) -> Timing:
         """Rest at time 0, noise from its beginning; opening again repeats the same bits."""
         self._plant.reset()
-        self._noise = self._random()
+        self._noise = Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
         self.truth: FloatArray = np.empty(0)
         return Timing(sample_rate=self.settings.sample_rate)
-
-    def _random(self) -> Noise:
-        """The noise from its beginning."""
-        return Noise(self.seed)
 
     def exchange(self, volts: FloatArray) -> FloatArray:
         """Hold each voltage for a tick.
@@ -93,5 +92,6 @@ class Simulated(Displayed):
         self.truth = truth[-1:].copy()
 
     def describe(self) -> dict[str, object]:
-        """Kind, settings and seed, as plain data for a recording."""
-        return {"kind": self.kind, "seed": self.seed, **dataclasses.asdict(self.settings)}
+        """Kind, settings, seed and dropouts, as plain data for a recording."""
+        silent = {"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {}
+        return {"kind": self.kind, "seed": self.seed, **dataclasses.asdict(self.settings), **silent}

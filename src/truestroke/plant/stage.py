@@ -10,7 +10,6 @@ import numpy.typing as npt
 from truestroke._plant import Stage
 from truestroke.base import checks, declared
 from truestroke.base.checks import SettingError
-from truestroke.plant.noise import Noise
 from truestroke.plant.settings import STAGE_SETTINGS, StageSettings
 from truestroke.plant.simulated import Simulated
 
@@ -67,8 +66,6 @@ class StagePlant(Simulated):
         given = StageSettings() if settings is None else settings
         self.settings = s = checks.instance("settings", given, StageSettings, "a StageSettings")
         self._samples = s.samples_per_tick
-        ticks = [(checks.count("dropouts", a, 0, 10**9), checks.count("dropouts", b, 0, 10**9)) for a, b in dropouts]
-        self.dropouts = tuple(ticks)
         self.load = np.ascontiguousarray(checks.finite_array("load", load, "um"))
         stage = Stage(declared.kernel_values(s, STAGE_SETTINGS), self.load)
         if stage.least_slope <= 0:
@@ -77,14 +74,11 @@ class StagePlant(Simulated):
             )
             raise SettingError("loop_width", s.loop_width, bound)
         self.least_slope = stage.least_slope
-        super().__init__(stage, seed)
-
-    def _random(self) -> Noise:
-        return Noise(self.seed, [(self._samples * a, self._samples * b) for a, b in self.dropouts])
+        super().__init__(stage, seed, dropouts)
 
     def describe(self) -> dict[str, object]:
         """Kind, settings, seed, dropouts, and length and largest of `load`, as plain data for a recording."""
-        said: dict[str, object] = {"dropouts": [list(burst) for burst in self.dropouts]} if self.dropouts else {}
-        if self.load.size:
-            said |= {"load_ticks": self.load.size, "load_largest": float(np.max(np.abs(self.load)))}
-        return super().describe() | said
+        load = (
+            {"load_ticks": self.load.size, "load_largest": float(np.max(np.abs(self.load)))} if self.load.size else {}
+        )
+        return super().describe() | load

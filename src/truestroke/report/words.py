@@ -170,6 +170,8 @@ def _converged(summary: TrackingSummary) -> str:
     if time is not None:
         return f"after {time:.2f} s" if time > 0 else "from the start"
     until, end = ("the change", change) if change is not None else ("the end", summary.duration_s)
+    if end >= 1 > summary.judged_s:
+        return "not known: errors are judged for less than 1 s"
     return f"not before {until}" if end >= 1 else f"not known: {until} comes within 1 s"
 
 

@@ -144,15 +144,11 @@ def learn(
     good True True
     """
     limits = Limits(voltage_limits=voltage_limits, slew=slew, safe_voltage=safe_voltage)
-    low, high = limits.voltage_limits
     most, zero = checks.count("passes", passes, 1, 1000), checked_zero(zero)
     checks.able("driver", driver, ("open", "exchange"), "a driver or a simulated actuator; the order is driver, motion")
     known = None if model is None else taken(model)
-    if stroke is None and known is not None:
-        stroke = known.stroke / (known.voltage_range[1] - known.voltage_range[0]) * (high - low)
-    if stroke is None:
-        raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
-    gain = checks.positive("stroke", stroke, "um") / (high - low)
+    stroke = _stroke(stroke, known, limits)
+    gain = stroke / (limits.voltage_limits[1] - limits.voltage_limits[0])
     _refuse_reach(motion, gain, limits)
     measures = dynamics is None and bandwidth is None
     rate = check_motion(motion, sample_rate, checks.within("resonance", resonance, 0.0, 1e9, "Hz") if measures else 0.0)
@@ -161,36 +157,54 @@ def learn(
     spring = ""
     if measures:
         dynamics, bandwidth, spring = _measured(driver, limits, rate, doing)
+    given: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "slew_limit": slew, "model": known}
     try:
-        learning = IterativeLearning(
-            motion,
-            sample_rate,
-            gain=gain,
-            voltage_limits=(low, high),
-            slew_limit=slew,
-            dynamics=dynamics,
-            bandwidth=bandwidth,
-            model=known,
-        )
+        learning = IterativeLearning(motion, sample_rate, gain=gain, dynamics=dynamics, bandwidth=bandwidth, **given)
     except SettingError as error:
         if spring and error.argument == "bandwidth":
             raise DynamicsError(f"the motion is too fast where {spring}") from error
         raise
     settle = _settles(dynamics) if settle is None else settle
     play = _player(driver, rate, limits)
-    subtracted = _zero(play, limits, rate, stroke, zero)
+    begun = Learned(passes=(), learning=learning, spring=spring, zero=_zero(play, limits, rate, stroke, zero))
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
-    found, seen = Learned(passes=(), learning=learning, spring=spring, zero=subtracted), False
     begins()
+    return _passes(begun, play, most, periods, report, doing)
+
+
+def _stroke(stroke: float | None, known: ActuatorModel | None, limits: Limits) -> float:
+    """Of the actuator over the voltage limits, um: the one that is given, else that of its model."""
+    low, high = limits.voltage_limits
+    if stroke is None and known is not None:
+        stroke = known.stroke / (known.voltage_range[1] - known.voltage_range[0]) * (high - low)
+    if stroke is None:
+        raise SettingError("stroke", None, "the displacement over the whole of voltage_limits, or a model", "um")
+    return checks.positive("stroke", stroke, "um")
+
+
+def _passes(
+    found: Learned,
+    play: Callable[[FloatArray], FloatArray],
+    most: int,
+    periods: tuple[int, int],
+    report: Callable[[Learned], object],
+    doing: Callable[[str], object],
+) -> Learned:
+    """Passes of periods that do not count and of those that do, until the error is that of the noise, or does not fall.
+
+    Raises
+    ------
+    DriverError
+        None of them was measured.
+    """
+    learning, first, seen = found.learning, periods[0] * found.learning.samples, False
     for number in range(most):
         doing(f"pass {number}")
         volts = np.tile(learning.volts, sum(periods))
-        measured = play(volts)[periods[0] * learning.samples :]
-        record = volts[periods[0] * learning.samples :], measured
-        made = learning.learn(measured - subtracted)
-        kept = (*found.records[:1], *found.records[1:][-1:])
-        passes_so_far = (*found.passes, made)
-        found = dataclasses.replace(found, passes=passes_so_far, records=(*kept, record))
+        measured = play(volts)[first:]
+        made = learning.learn(measured - found.zero)
+        records = (*found.records[:1], *found.records[1:][-1:], (volts[first:], measured))
+        found = dataclasses.replace(found, passes=(*found.passes, made), records=records)
         seen = seen or made.measured.size > 0
         if seen:
             report(found)

@@ -40,6 +40,7 @@ PERIODS, LONGEST = 100, 2**18  # of that resonance at least, ticks at most, in w
 COLOURED = 100  # samples of an error that count as one
 BEGINS, JUMPED = 10, 0.02  # ticks of a run, and an error in them as a share of the stroke: it began elsewhere
 ELSEWHERE = 0.01  # of the resonance that was given: one that differs by so much has taken its place
+ASSUMED = 0.15  # of the resonance that was given: within it the first fast motion does not burst
 WITHIN, STEPS = 8.0, 1.5  # standard deviations, steps of a sensor: what it may show of one value
 GOES_ON = (0.02, 4.0)  # of the stroke; times that band: a voltage that moves so much further has no answer
 BURST, FEWEST = 0.005, 10  # s, and ticks at least, over which a short error is taken
@@ -447,6 +448,8 @@ def _shaken(run: _Run) -> Finding | None:
     disturbed = run.rmse > run.tolerable or run.metrics.restored_ticks or _many_changes(run)
     if not frequency or not amplitude or amplitude <= run.tolerable or not disturbed:
         return None
+    if any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
+        return None  # what is not followed at all has lines that no load makes
     line = f"{frequency:.3g}"
     return "doubtful", (
         f"A load of {line} Hz and {amplitude:.2g} um shakes the stage: a pump, a fan, the mains. Stop what makes it, "
@@ -486,19 +489,22 @@ def _elsewhere(run: _Run) -> Finding | None:
 
 
 def _assumed(run: _Run) -> Finding | None:
-    """Whether a resonance that was given may be that of another stage, where the motion is not followed.
+    """Whether a resonance that was given may be that of another stage, where the motion is not followed or burst.
 
     A wrong one makes it late or lets it ring; a sensor that shows something else takes the command to a limit.
     """
     given, known = _positive(settings(run.recording, "controller").get("resonance")), _known_resonance(run.recording)
-    if not given or not known or run.rmse <= run.tolerable:
+    if not given or not known:
+        return None
+    burst = abs(known / given - 1) > ASSUMED and (run.metrics.restored_ticks or _many_changes(run))
+    if run.rmse <= run.tolerable and not burst:
         return None
     if any(run.found(check) for check in (_saturated, _unmeasured, _rejected)):
         return None
     shown = f"the measurements showed {known:.4g} Hz" if abs(known / given - 1) > ELSEWHERE else "nothing has shown it"
     return "doubtful", (
         f"The settings say resonance = {given:.4g} Hz, and {shown}. With another f0 than that of the stage, under its "
-        "load, a fast motion is not followed: give that of `truestroke commission`, or leave it out."
+        "load, a fast motion bursts or is not followed: give that of `truestroke commission`, or leave it out."
     )
 
 
@@ -714,7 +720,7 @@ CHECKS: Sequence[Check] = (
     _alarmed,
 )
 
-OTHER_CAUSES = (_too_fast, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed)
+OTHER_CAUSES = (_too_fast, _shaken, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed)
 """What a sensor at an end of its range brings about, and what they would put it down to."""
 
 

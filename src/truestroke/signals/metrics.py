@@ -25,6 +25,17 @@ Labelled = Mapping[str, npt.NDArray[Any]]
 """Arrays by name: a Recording, or a dict."""
 
 
+def rms(error: FloatArray) -> float:
+    """Root mean square, sqrt(mean of e^2), of an array that is known to be finite, in its unit.
+
+    Examples
+    --------
+    >>> round(rms(np.array([3.0, 4.0])), 4)
+    3.5355
+    """
+    return float(np.sqrt(np.mean(error**2)))
+
+
 def rmse(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
     """Root mean square of the error, sqrt(mean of e^2), um.
 
@@ -38,7 +49,7 @@ def rmse(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
     >>> round(rmse([0.0, 0.0], [3.0, 4.0]), 4)
     3.5355
     """
-    return float(np.sqrt(np.mean(_error(desired, measured) ** 2)))
+    return rms(_error(desired, measured))
 
 
 def maximum_error(desired: npt.ArrayLike, measured: npt.ArrayLike) -> float:
@@ -288,8 +299,8 @@ class TrackingSummary:
 
     Attributes
     ----------
-    duration_s, counted_from_s : float
-        Length of the run; time from which errors count, s.
+    duration_s, counted_from_s, judged_s : float
+        Length of the run; time from which errors count; from the first tick to the last one whose error is judged, s.
     peak_to_peak_um : float
         Of the desired motion in the counted part; percentages refer to it.
     measured_rmse_um, measured_maximum_um, measured_rmse_percent, measured_maximum_percent : float
@@ -314,6 +325,7 @@ class TrackingSummary:
 
     duration_s: float
     counted_from_s: float
+    judged_s: float
     peak_to_peak_um: float
     measured_rmse_um: float
     measured_maximum_um: float
@@ -395,6 +407,7 @@ def summary(
     return TrackingSummary(
         duration_s=duration,
         counted_from_s=start * duration,
+        judged_s=_duration(time[known]),
         peak_to_peak_um=span,
         **_errors("measured", desired[counted], measured[counted], span),
         **(_errors("true", desired[counted], recording["true"][counted], span) if "true" in recording else none),

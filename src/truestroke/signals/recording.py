@@ -1,7 +1,6 @@
 """The recording of a run: labelled arrays with units, to and from HDF5."""
 
 import dataclasses
-import errno
 import functools
 import json
 import platform
@@ -170,10 +169,8 @@ class Recording(Signals, Mapping[str, Array]):
         FileNotFoundError
             There is no such folder.
         """
-        import h5py
-
         checks.path("path", path)
-        with files.writing(path, kind(self.metadata)) as draft, h5py.File(draft, **MODE) as file:
+        with files.writing(path, kind(self.metadata)) as draft, hdf5.written(draft, **MODE) as file:
             describe(file, self.metadata)
             for name, channel in self.channels.items():
                 data = channel.data
@@ -195,9 +192,7 @@ class Recording(Signals, Mapping[str, Array]):
         FileTooLargeError
             It needs more memory than its size allows, or than this computer has.
         """
-        path = checks.path("path", path)
-        if not path.is_file():
-            raise FileNotFoundError(errno.ENOENT, "no such file", str(path))
+        path = files.existing(checks.path("path", path))
         for _ in range(TRIES):
             try:
                 return cls._load(path)
@@ -238,7 +233,7 @@ class Recording(Signals, Mapping[str, Array]):
         return cls(channels, metadata)
 
 
-MODE = {"mode": "w", "libver": "latest", "track_order": True}
+MODE = {"libver": "latest", "track_order": True}
 """How a file of a recording is made: of a version of HDF5 that keeps checksums of its own tables."""
 
 

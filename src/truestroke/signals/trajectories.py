@@ -32,6 +32,7 @@ HEADINGS = {"position": ("z", "desired", "position", "displacement"), "time": ("
 PART = 2**16  # ticks of a raster that are computed at a time
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion
+FEWEST_TICKS, MOST_TICKS = 2, 10**9  # of a motion
 LONGEST_TURNS = 0.99  # of the period of a raster
 ESTIMATED = "central differences of the velocity"
 """What `settings["acceleration"]` of a trajectory states where nobody gave its acceleration."""
@@ -208,8 +209,11 @@ def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray
     sample_rate = checks.positive("sample_rate", sample_rate, "Hz")
     if not 0.0 <= checks.number("ramp", ramp, "s") <= duration / 2:
         raise SettingError("ramp", ramp, f"from 0 to {duration / 2:g} s, half of the duration of {duration:g} s", "s")
-    ticks = checks.number("duration * sample_rate", duration * sample_rate)
-    return np.arange(checks.count("duration * sample_rate", round(ticks), 2, 10**9)) / sample_rate
+    if not FEWEST_TICKS <= (ticks := round(min(duration * sample_rate, 2.0 * MOST_TICKS))) <= MOST_TICKS:
+        ends = " to ".join(f"{number / sample_rate:.6g}" for number in (FEWEST_TICKS, MOST_TICKS))
+        bound = f"from {ends} s, {FEWEST_TICKS} to {MOST_TICKS} ticks of {sample_rate:g} Hz"
+        raise SettingError("duration", duration, bound, "s")
+    return np.arange(ticks) / sample_rate
 
 
 # ---- Periodic motions ----------------------------------------------------------------------------------------------

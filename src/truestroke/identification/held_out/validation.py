@@ -21,6 +21,7 @@ from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.sampled import central_difference
+from truestroke.signals.metrics import rms
 
 NOISE = 2.0  # times the sensor's noise: below, no model has half the error
 SILENT = 1e4  # times the noise: then it is that of rounded numbers, and the record is a simulated one
@@ -128,15 +129,15 @@ def evidence(
     times, residual = fit
     fitted, tested = trace.known & ~trace.held_out, trace.judged
     settled = fitted & (trace.time - trace.time[0] >= min(findings.states_known_s, 0.25 * np.ptp(trace.time)))
-    error = _rms(trace.residual[tested])
+    error = rms(trace.residual[tested])
     line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
-    off_line = _rms(trace.displacement[tested] - np.polyval(line, trace.volts[tested]))
+    off_line = rms(trace.displacement[tested] - np.polyval(line, trace.volts[tested]))
     row = float(np.count_nonzero(trace.known) / trace.sample_rate / residual.size)
     lags, jumped = autocorrelation[1:], jump(residual, residual.size / max(findings.strokes, 1))
     most, least = int(np.abs(lags).argmax()), int(lags.argmin())
     return Evidence(
         over_noise=_over(error, findings.noise_um),
-        over_fitted=_over(error, _rms(trace.residual[settled if settled.any() else fitted])),
+        over_fitted=_over(error, rms(trace.residual[settled if settled.any() else fitted])),
         over_line=_over(error, off_line),
         autocorrelation=float(lags[most]),
         autocorrelation_s=(most + 1) * row,
@@ -147,14 +148,10 @@ def evidence(
         **_line(trace, tested),
         jump_um=0.0 if jumped is None else jumped.size,
         jump_s=0.0 if jumped is None else float(times[jumped.row]),
-        residual_percent=100 * _rms(residual) / float(np.ptp(trace.displacement)),
+        residual_percent=100 * rms(residual) / float(np.ptp(trace.displacement)),
         strokes_tested=_over(_long(trace.volts[tested]), _long(trace.volts[trace.known])),
         **_beyond(trace, fitted, tested),
     )
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def _over(value: float, other: float) -> float:

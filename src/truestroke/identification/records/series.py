@@ -119,7 +119,7 @@ def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
             raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
     rings = shaken(x, z)
     if rings < 0 or (rings == 0 and (x - x.mean()) @ (z - z.mean()) <= 0):
-        bound = "one that rises (`flip_displacement` turns its sign)"
+        bound = "one that rises; `flip_displacement` turns its sign: give it, or leave it out"
         raise SettingError("displacement", "falls where volts rises", bound)
 
 

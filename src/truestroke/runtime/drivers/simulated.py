@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -101,6 +101,17 @@ class SampleSettings:
         return Texture(seed=self.seed) if self.sample == "texture" else Grating()
 
 
+def _keys_of(settings: str) -> Callable[[], Iterable[str]]:
+    """Members of settings of `truestroke.plant`, which is loaded late."""
+
+    def keys() -> Iterable[str]:
+        from truestroke import plant
+
+        return (one.name for one in dataclasses.fields(getattr(plant, settings)))
+
+    return keys
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulatedSettings:
     """A simulated stack on each channel.
@@ -140,8 +151,8 @@ class SimulatedSettings:
     seed: int = 0
     hardware_timed: bool = False
     register: str | None = None
-    plant: Mapping[str, object] = field(default_factory=dict)
-    stage: Mapping[str, object] = field(default_factory=dict)
+    plant: Mapping[str, object] = field(default_factory=dict, metadata={"keys": _keys_of("PlantSettings")})
+    stage: Mapping[str, object] = field(default_factory=dict, metadata={"keys": _keys_of("StageSettings")})
     axes: Mapping[str, Any] = field(default_factory=dict)
     signals: tuple[SampleSettings, ...] = ()
     faults: tuple[Fault, ...] = ()

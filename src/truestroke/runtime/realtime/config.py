@@ -50,7 +50,9 @@ class AxisTable:
     """A table [[axis]], and what docs/run.md says of each key."""
 
     name: str = "axis"
-    stroke: float | None = field(default=None, metadata={"unit": "um"})
+    stroke: float | None = field(
+        default=None, metadata={"unit": "um", "example": "stroke = 30.0 (um), the length of the travel"}
+    )
     resonance: float = field(default=0.0, metadata={"unit": "Hz"})
     voltage_limits: tuple[float, ...] = field(
         metadata={"unit": "V", "example": "voltage_limits = [0.0, 10.0] (V), of the amplifier's input"}
@@ -70,6 +72,11 @@ class AxisTable:
         checks.within("resonance", self.resonance, 0.0, 1e9, "Hz")
         if self.stroke is not None:
             checks.positive("stroke", self.stroke, "um")
+
+    def needed_stroke(self) -> float:
+        """The stroke, um, where nothing else says it."""
+        example = str(type(self).__dataclass_fields__["stroke"].metadata["example"])
+        return float(toml.needed({} if self.stroke is None else {"stroke": self.stroke}, "stroke", example))
 
     @property
     def limits(self) -> dict[str, Any]:
@@ -232,7 +239,7 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
 def driver(table: Mapping[str, Any]) -> tuple[Driver, float]:
     """The driver of a table [driver]: its name, and its settings; and its ticks per second, Hz."""
     with checks.inside("driver."):
-        found = registry.find(toml.needed(table, "name"))
+        found = registry.find(toml.needed(table, "name", 'name = "simulated"'))
         others = _places("in [axis.trajectory]", "in settings of [[axis]]")  # some drivers have keys of these names
         settings = toml.decode(found.Settings, table, also=("name",), elsewhere=others)
         made: Driver = found(settings)
@@ -418,7 +425,7 @@ def _controller(table: AxisTable, sample_rate: float, folder: Path) -> Controlle
         model = _model(table.model, folder)
         with checks.inside("", renamed):
             return AdaptiveController.from_model(model, **fixed, **own)
-    fixed["stroke"] = toml.needed({} if table.stroke is None else {"stroke": table.stroke}, "stroke")
+    fixed["stroke"] = table.needed_stroke()
     if table.controller == "paper":
         return AdaptiveController.paper(**fixed)
     with checks.inside("", renamed):

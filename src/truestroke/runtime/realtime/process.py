@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from truestroke.base import interrupts, streams, system
+from truestroke.base.checks import SettingError
 from truestroke.base.errors import TruestrokeError
 from truestroke.runtime.drivers.paced import coarse
 from truestroke.runtime.realtime.shared import Shared
@@ -58,7 +59,8 @@ def on_its_own(settings: "RealtimeSettings") -> Iterator[None]:
         return
     cpus = system.processors()
     if settings.cpu not in cpus:
-        raise RealtimeError(f"cpu = {settings.cpu}: this process may use {cpus}")
+        some = ", ".join(map(str, cpus))
+        raise SettingError("cpu", settings.cpu, f"one of {some}, the processors that this process may use")
     _keep_to([cpu for cpu in cpus if cpu != settings.cpu] or cpus, settings.cpu)
     try:
         yield

@@ -132,7 +132,7 @@ class File:
         self._slow_piece = piece(PIECE * plan.sample_rate / plan.stride, 8 * widest)
         paged: dict[str, Any] = {"fs_strategy": "page", "fs_page_size": PAGE}
         paged |= {"rdcc_nbytes": 0}  # a cache of chunks would be 1 MB of each dataset
-        self._file = h5py.File(self._name, **MODE, **UNLOCKED, **paged)
+        self._file = h5py.File(self._name, "w", **MODE, **UNLOCKED, **paged)
         describe(self._file, {**plan.about, "interrupted": NEVER_ENDED})
         self._sets: dict[str, Any] = {}  # kept open: HDF5 reports a failure to write only where one is used or flushed
         for name in ("time", *plan.channels, "lateness"):

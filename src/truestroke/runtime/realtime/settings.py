@@ -176,7 +176,8 @@ def files_of(argument: str, file: Path, axes: Sequence[str]) -> list[Path]:
         ...
     truestroke.SettingError: file = 'scan.csv': must be a name that ends with .h5 or .hdf5, such as scan.h5
     """
-    if file.suffix not in ENDINGS:
-        wanted = f"a name that ends with {' or '.join(filter(None, ENDINGS))}, such as {file.with_suffix('.h5')}"
+    if file.suffix not in ENDINGS or not file.name:
+        example = file.with_suffix(".h5") if file.name else "run.h5"
+        wanted = f"a name that ends with {' or '.join(filter(None, ENDINGS))}, such as {example}"
         raise SettingError(argument, repr(str(file)), wanted)
     return [file if len(axes) == 1 else file.with_name(f"{file.stem}-{name}{file.suffix}") for name in axes]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from truestroke.base import checks, files
+from truestroke.base import checks, files, hdf5
 from truestroke.base.checks import SettingError
 from truestroke.base.files import Kind
 from truestroke.base.typing import FloatArray
@@ -116,9 +116,7 @@ def read_images(path: str | Path) -> list[Image]:
     FileNotFoundError
         There is no such file.
     """
-    path = checks.path("path", path)
-    if not path.is_file():
-        raise FileNotFoundError(2, "no such file", str(path))
+    path = files.existing(checks.path("path", path))
     if path.suffix.lower() not in ENDINGS:
         remedy = "save it as one of these where it was recorded, or in Gwyddion; a picture such as .png has no heights"
         raise SettingError("path", str(path), f"a file that ends with {', '.join(ENDINGS)}: {remedy}")
@@ -351,9 +349,7 @@ def _size(shape: Sequence[int], tags: Mapping[str, Any], um: float | None) -> tu
 
 
 def _write_nexus(path: Path, images: Sequence[Image], scan: Scan | None) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
+    with hdf5.written(path) as file:
         digits = len(str(len(images) - 1))  # so that their order is that of the images
         names = [f"image_{i:0{digits}d}" for i in range(len(images))]
         entry = _group(file, "entry", "NXentry", default=names[0])

@@ -28,9 +28,7 @@ def open_table(path: Path, narrowest: int = 2) -> Table:
 
     A text has `narrowest` columns or more.
     """
-    if not path.is_file():
-        raise FileNotFoundError(2, "no such file", str(path))
-    ending = path.suffix.lower()
+    ending = files.existing(path).suffix.lower()
     if ending in ELSEWHERE:
         raise RecordError(str(path), f"{ending} is not read; save or export it as {ELSEWHERE[ending]}")
     if reason := formats.other(path):

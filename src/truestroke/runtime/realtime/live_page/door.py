@@ -25,7 +25,7 @@ from truestroke.base import system
 from truestroke.runtime.realtime import process
 from truestroke.runtime.realtime.live_page.access import HEADERS, STATUS, WORDS, Access, Refusal, RefusedError
 from truestroke.runtime.realtime.live_page.orders import Orders
-from truestroke.runtime.realtime.live_page.relay import Relays
+from truestroke.runtime.realtime.live_page.relay import PATIENCE, Relays
 from truestroke.runtime.realtime.live_page.settings import LiveSettings
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.server import Panel
@@ -192,6 +192,7 @@ class Door:
                 visitor.http, said = h11.Connection(h11.SERVER), visitor.said
             elif not CHANGE.startswith(visitor.said):
                 self._selector.unregister(visitor.connection)
+                visitor.until = time.monotonic() + PATIENCE
                 self._waiting.append(visitor)
                 return
             else:

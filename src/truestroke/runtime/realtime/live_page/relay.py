@@ -6,6 +6,7 @@ pages, which then wait for him, leave out frames. All of it is TCP, which each s
 
 from __future__ import annotations
 
+import math
 import selectors
 import socket
 import time
@@ -14,7 +15,9 @@ from contextlib import suppress
 CHUNK = 65536  # bytes
 BUFFER = 65536  # bytes that the system keeps between the pages and us: about a second of frames
 UNREAD = 10.0  # s after which a connection that takes nothing is given up, as of a laptop that was closed
-SILENCE = 5.0  # s in which the pages answer, but for a request that is not complete
+SILENCE = 5.0  # s in which a visitor says all of a request
+PATIENCE = 60.0  # s in which the pages answer it: they give way to the loop, on a computer that others use too
+COMPLETE = b"\r\n\r\n"  # ends a request
 
 
 class _Side:
@@ -24,7 +27,8 @@ class _Side:
 
     def __init__(self, connection: socket.socket, pending: bytes = b"") -> None:
         self.connection, self.pending, self.since = connection, pending, time.monotonic()
-        self.ended = self.spoke = False
+        self.begun, self.ended, self.spoke = self.since, False, False
+        self.asked: bytes | None = None  # the end of what a visitor has said, who is the one that asks
 
     @property
     def wanted(self) -> int:
@@ -49,18 +53,20 @@ class Relays:
         pages.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         pages.connect_ex(("127.0.0.1", port))
         one, other = _Side(visitor), _Side(pages, said)
-        one.other, other.other = other, one
+        one.other, other.other, one.asked = other, one, said
         for side in (one, other):
             self._sides[side.connection] = side
             self._selector.register(side.connection, selectors.EVENT_WRITE, self._pass)
             self._wait(side)
 
     def give_up(self) -> None:
-        """Close those whose visitor takes nothing, and those to whom the pages have not answered."""
+        """Close those whose visitor takes nothing or does not say what he wants, and those that have no answer."""
         now = time.monotonic()
         for side in list(self._sides.values()):
-            silent = side.pending and now - side.since > UNREAD
-            if silent or (not side.spoke and not side.other.spoke and now - side.since > SILENCE):
+            waits = math.inf
+            if side.asked is not None and not side.other.spoke:
+                waits = PATIENCE if COMPLETE in side.asked else SILENCE
+            if now - side.begun > waits or (side.pending and now - side.since > UNREAD):
                 self._close(side)
 
     def _pass(self, connection: socket.socket) -> None:
@@ -89,6 +95,8 @@ class Relays:
             side.ended, side.other.pending = not said, said
             if said:
                 side.spoke, side.other.since = True, time.monotonic()
+            if side.asked is not None and COMPLETE not in side.asked:
+                side.asked = side.asked[1 - len(COMPLETE) :] + said
 
     def _give(self, side: _Side) -> None:
         """Write as much as a side takes."""
