@@ -324,6 +324,17 @@ def test_where_the_error_is_that_is_not_learned(cycles, words):
     assert repetition(FS, 59.88024) == (167, 1), "it is taken as it is written"
 
 
+def test_a_mean_that_creeps_is_not_said_to_be_beyond_the_bandwidth():
+    """At 100 kHz the noise of all harmonics that are not learned is more than the error of those that are."""
+    rate, random = 100_000.0, np.random.default_rng(5)
+    wave = trajectories.raster(frequency=50.0, peak_to_peak=10.0, offset=12.0, duration=1.0, sample_rate=rate)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0, rate=rate), **KNOWN)
+    measured = np.tile(learned.desired, (10, 1)) + 0.13 + 0.01 * random.standard_normal((10, learned.samples))
+    made = Learned(passes=(learned.learn(measured + 1.0), learned.learn(measured)), learning=learned)
+    assert "Most of it" not in " ".join(made.verdict.reasons)
+    assert "times the noise" in made.verdict.reasons[0]
+
+
 def test_an_error_that_falls_no_longer_is_not_promised_to_fall():
     """Whatever is put out the stage does the same, as one does within a step of its converter."""
     learning = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)

@@ -556,9 +556,9 @@ class Learned(Displayed):
 
     def _beyond(self) -> str:
         """A sentence where most of the error is in harmonics that are not learned."""
-        error = self.best.error - self.best.error.mean()
-        power = np.abs(np.fft.rfft(error)) ** 2
-        _, learned = self.learning.harmonics
+        power = 2 * np.abs(np.fft.rfft(self.best.error)) ** 2
+        power[0] /= 2
+        learned = self.learning.harmonics[1] | (np.arange(power.size) == 0)  # the mean creeps, and is followed
         if power[~learned].sum() < power[learned].sum():
             return ""
         rate, samples = self.learning.sample_rate, self.learning.samples
