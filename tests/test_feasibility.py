@@ -242,7 +242,7 @@ def test_what_is_told_of_a_lowest_voltage_names_how_far_up() -> None:
     (notice,) = feasibility.notices(feasibility.demands(wave, settings), settings)
     assert "voltage_limits = 0 to 10 V may hold the motion back where it comes back to its lowest position" in notice
     up = float(notice.rsplit("move it up by ", 1)[1].removesuffix(" um"))
-    higher = raster(frequency=20.0, peak_to_peak=20.0, offset=10.0 + 1.5 * up, duration=2.0, sample_rate=5000.0)
+    higher = raster(frequency=20.0, peak_to_peak=20.0, offset=10.0 + up, duration=2.0, sample_rate=5000.0)
     assert feasibility.notices(feasibility.demands(higher, settings), settings) == ()
 
 

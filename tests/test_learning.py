@@ -324,6 +324,17 @@ def test_where_the_error_is_that_is_not_learned(cycles, words):
     assert repetition(FS, 59.88024) == (167, 1), "it is taken as it is written"
 
 
+def test_a_mean_that_creeps_is_not_said_to_be_beyond_the_bandwidth():
+    """At 100 kHz the noise of all harmonics that are not learned is more than the error of those that are."""
+    rate, random = 100_000.0, np.random.default_rng(5)
+    wave = trajectories.raster(frequency=50.0, peak_to_peak=10.0, offset=12.0, duration=1.0, sample_rate=rate)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0, rate=rate), **KNOWN)
+    measured = np.tile(learned.desired, (10, 1)) + 0.13 + 0.01 * random.standard_normal((10, learned.samples))
+    made = Learned(passes=(learned.learn(measured + 1.0), learned.learn(measured)), learning=learned)
+    assert "Most of it" not in " ".join(made.verdict.reasons)
+    assert "times the noise" in made.verdict.reasons[0]
+
+
 def test_an_error_that_falls_no_longer_is_not_promised_to_fall():
     """Whatever is put out the stage does the same, as one does within a step of its converter."""
     learning = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
@@ -409,6 +420,26 @@ def test_lost_samples_are_taken_from_the_other_periods():
     holes[1, 20:60] = holes[3, 150:] = np.nan
     assert np.allclose(a.learn(z).measured, b.learn(holes).measured)
     assert np.allclose(a.volts, b.volts)
+
+
+def test_spikes_do_not_spoil_a_pass():
+    """1 % of the samples, 5 um off: 0.5 % of the motion was the noise that no pass took away."""
+    stage, wave, random = Stage(900.0), raster(50.0), np.random.default_rng(4)
+    learned, made = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN), []
+    for _ in range(6):
+        measured, _ = stage.play(learned.volts)
+        measured[random.random(measured.shape) < 0.01] += 5.0
+        made.append(learned.learn(measured))
+    assert made[-1].rmse < 0.0005 * 20.0
+    assert 0.005 < made[-1].spikes < 0.015
+
+
+def test_periods_that_are_others_are_no_spikes():
+    learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    measured, _ = Stage(900.0).play(learned.volts)
+    late = measured.copy()
+    late[-3:] = np.roll(measured[-3:], 5, axis=1)  # a trigger that was late from there on
+    assert learned.learn(late).spikes == 0
 
 
 @pytest.mark.parametrize(("limits", "words"), [((0.0, 9.0), "The lowest voltage, 0 V,"), ((-9.0, 1.9), "highest")])

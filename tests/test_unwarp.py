@@ -421,6 +421,15 @@ def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder,
     assert "slow axis" not in run(*given, "--model-y", DAY_BEFORE, "--force")[1]
 
 
+def test_a_model_of_both_axes_is_warned_of_once(folder, tmp_path):
+    model = tmp_path / "model.toml"
+    about = Verdict("doubtful", ("It was hot.",)).entries
+    truestroke.save_model(model, truestroke.load_model(DAY_BEFORE).replace(provenance=about))
+    files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gwy"]
+    given = ["unwarp", folder / "scan.gwy", "--model", model, "--model-y", model, *files]
+    assert CliRunner().invoke(main, list(map(str, given))).stderr.count("It was hot") == 1
+
+
 @pytest.mark.parametrize("name", ["scan.png", "scan.npy", "scan.sxm"])
 def test_a_file_of_another_kind_is_refused_with_what_to_do(folder, tmp_path, name):
     (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n")

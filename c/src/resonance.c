@@ -25,6 +25,7 @@
 #define ABOUT ((ts_real)0.04)       /* and where it is about its centre, and no stage is in the model */
 #define EXPLAIN ((ts_real)0.5)      /* share of the plays, there: what our voltage does not drive is noise */
 #define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
+#define RINGS ((ts_real)0.45)        /* and what rings without our voltage: white noise leaves 0.48 to 0.65 */
 #define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
 #define FURTHEST ((ts_real)1.4)
 #define AGREE ((ts_real)1.05)       /* centre and estimate */
@@ -394,7 +395,8 @@ ts_real ts_resonance_ringing(const ts_resonance *r)
     sums_with_ridge(r, N);
     if (!eliminate(N, 0, BAND)) return 0;
     ts_real plays = N[LOW][LOW];
-    return eliminate(N, BAND, LOW) ? (plays - N[LOW][LOW]) / (ts_real)r->window : 0;
+    if (!eliminate(N, BAND, LOW) || !(r->driven > EXPLAIN || N[LOW][LOW] < RINGS * plays)) return 0;
+    return (plays - N[LOW][LOW]) / (ts_real)r->window;
 }
 
 bool ts_resonance_suffices(const ts_resonance *r)

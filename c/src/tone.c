@@ -6,7 +6,7 @@
 #define BLOCK_PERIODS 4                /* of the centre: a block */
 #define LONGEST_BLOCK ((ts_real)1e8)   /* ticks */
 #define FEWEST_BLOCKS 9                /* of a window, half a block after each other: fewer show nothing */
-#define HIGHEST_ORDER ((ts_real)20.5)  /* of a harmonic of the motion: higher ones cannot be distinguished, */
+#define HIGHEST_ORDER ((ts_real)40.5)  /* of a harmonic of the motion, as of lines of 40 Hz at 840 Hz: higher ones cannot be distinguished, */
 #define OFF_HARMONIC ((ts_real)0.04)   /* nor are they by less of the motion's frequency */
 
 static ts_real square_of(const ts_real *a)

@@ -1,6 +1,7 @@
 """How an object shows itself: a title and a small table, as text on one screen and as HTML in a notebook."""
 
 import html
+import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -73,6 +74,18 @@ def figures(value: float, digits: int = 3) -> str:
     """
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(value) < WRITTEN_OUT else text
+
+
+def at_least(value: float, digits: int = 2) -> str:
+    """A number that is needed, in so many digits: rounded up, as less would not do.
+
+    >>> at_least(1.021), at_least(0.18), at_least(137.0)
+    ('1.1', '0.18', '140')
+    """
+    if not value > 0:
+        return figures(value, digits)
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return figures(math.ceil(value / step * (1 - 1e-9)) * step, digits)
 
 
 def taken_for_um(times: float, otherwise: str = "") -> str:

@@ -51,7 +51,8 @@ def unwarp(
     target = common.to_write("--output", output, IMAGE)
     (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
     fast = truestroke.usable_model(model, force=force)
-    slow = None if model_y is None else truestroke.usable_model(model_y, force=force)
+    same = model_y is not None and model_y.resolve() == model.resolve()  # what speaks against it is said once
+    slow = fast if same else None if model_y is None else truestroke.usable_model(model_y, force=force)
     given = [scans.read_images(file) for file in (image, retrace) if file]
     before = unwarping.by_direction(*given, channel=channel)
     scanned = _recorded(record, lines, columns)

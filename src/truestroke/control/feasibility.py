@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from truestroke.base.checks import SettingError
-from truestroke.base.display import figures
+from truestroke.base.display import at_least, figures
 from truestroke.base.errors import shown_as_public
 from truestroke.base.flags import Flags
 from truestroke.base.typing import FloatArray
@@ -30,6 +30,7 @@ SLEW_SPARE = 2.0  # times what a motion needs: the default slew limit, where it 
 HELD = 0.1  # s: for so long the default limit has held a motion that nobody knew, when it is reported
 DAMPING = 0.02  # of a resonance whose damping nobody states
 SHARP = 0.003  # of the peak-to-peak: ringing of a stage that follows corners, from which on they are reported
+HALVES = 12  # of the step in which a motion is moved up, until it is away from a limit
 LONGEST = 1 << 17  # ticks at the end of a motion, of which its ringing is computed
 USUAL = 95.0  # percent of the ticks: a slew that is exceeded in more of them is not one of short moves
 NAMES: Mapping[str, str] = {
@@ -89,6 +90,8 @@ class Demands:
         What corners of the motion, where its velocity jumps, leave of a stage that is otherwise followed, um rms.
     back : float
         Voltage at its lowest position behind its highest one, V: with twice the loop of the prior, or that of a model.
+    down : tuple[float, float]
+        That highest and that lowest position, um.
     later : tuple[float, float]
         Lowest and highest position in its second half, behind its start from 0 um, um; 0 where it is not known.
     """
@@ -103,6 +106,7 @@ class Demands:
     resonance: float = 0.0
     ringing: float = 0.0
     back: float = 0.0
+    down: tuple[float, float] = (0.0, 0.0)
     later: tuple[float, float] = (0.0, 0.0)
 
 
@@ -139,6 +143,21 @@ def _way_back(settings: ControllerSettings, top: float, bottom: float) -> float:
     z = np.append(0.0, np.cumsum(slopes * np.diff(volts)))
     rise, back = np.interp([max(bottom, 0.0), (top - bottom) / 2], z, volts)
     return float(rise - loop * (rise + 2 * back - np.interp(top, z, volts)))
+
+
+def _way_up(settings: ControllerSettings, down: tuple[float, float], low: float) -> float:
+    """By how much higher, um, an actuator has to move for its way back to need no less than `low`, V."""
+    top, bottom = down
+    too_little, enough = 0.0, settings.stroke / 1024
+    while _way_back(settings, top + enough, bottom + enough) < low and enough < settings.stroke:
+        too_little, enough = enough, 2 * enough
+    for _ in range(HALVES):
+        middle = (too_little + enough) / 2
+        if _way_back(settings, top + middle, bottom + middle) < low:
+            too_little = middle
+        else:
+            enough = middle
+    return enough
 
 
 def reach(trajectory: Trajectory | Pursued) -> tuple[float, float]:
@@ -210,7 +229,8 @@ def demands(trajectory: Trajectory | Pursued, settings: ControllerSettings, mode
     needs = replace(needs, later=(float(half.min()), float(half.max())))
     top = int(z.argmax())
     if settings.law == "kalman" and z[top] > 0:
-        needs = replace(needs, back=_way_back(settings, float(z[top]), float(z[top:].min())))
+        down = float(z[top]), float(z[top:].min())
+        needs = replace(needs, back=_way_back(settings, *down), down=down)
     if mode is None:
         return needs
     return _with_inertia(needs, trajectory, settings, mode)
@@ -345,7 +365,7 @@ def notices(
         found.append(
             f"{names['voltage_limits']} = {low:g} to {high:g} V may hold the motion back where it comes back to its "
             f"lowest position: hysteresis takes up to {needs.back:.2g} V there; move it up by "
-            f"{(min(low, 0.0) - needs.back) * gains(settings)[0]:.2g} um"
+            f"{at_least(_way_up(settings, needs.down, min(low, 0.0)))} um"
         )
     if needs.slew > limit:
         found.append(

@@ -33,6 +33,7 @@ LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
 COARSE = 4  # plays, those of the smallest thresholds, with which the resonance is found once more
 COSTS = 0.5  # of the range: the error of a stage that is wrong by itself, in a motion as fast as it is
 SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
+RINGS = 0.45  # and what rings without our voltage: white noise leaves 0.48 to 0.65
 NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that window
 AGREE = 1.05  # centre and estimate
 SURE, TRUST = 0.02, 5  # standard deviation of an estimate, over it, and how many of these its error is,
@@ -210,12 +211,17 @@ class ResonanceEstimator:
 
     @property
     def ringing(self) -> float:
-        """What inertia and damping explain beside the plays, in the band of the window that has just ended, um^2."""
+        """What inertia and damping explain beside the plays, in the band of the window that has just ended, um^2.
+
+        0 of what may be noise: the plays do not drive it, and inertia and damping explain no more of it than of that.
+        """
         N = self._sums()
         if not _eliminate(N, 0, BAND):
             return 0.0
         plays = N[LOW][LOW]
-        return (plays - N[LOW][LOW]) / self._window if _eliminate(N, BAND, LOW) else 0.0
+        if not _eliminate(N, BAND, LOW) or not (self.driven > EXPLAIN or N[LOW][LOW] < RINGS * plays):
+            return 0.0
+        return (plays - N[LOW][LOW]) / self._window
 
     def update(
         self,

@@ -8,7 +8,7 @@ BLOCK_PERIODS = 4  # of the centre: a block
 LONGEST_BLOCK = 1e8  # ticks
 FEWEST_BLOCKS = 9  # of a window, half a block after each other: fewer show nothing
 STEADY_TONE = 0.95  # of the square of a block: its product with the one before; a steady tone neither decays nor grows
-HIGHEST_ORDER = 20.5  # of a harmonic of the motion: higher ones cannot be distinguished,
+HIGHEST_ORDER = 40.5  # of a harmonic of the motion, as 840 Hz of lines of 40 Hz: higher ones cannot be distinguished,
 OFF_HARMONIC = 0.04  # nor are they by less of the motion's frequency
 OF_LOAD = 0.35  # of the frequency of a load: what is shown so near to it is the load
 

@@ -62,8 +62,17 @@ def as_dict(found: Learned) -> dict[str, object]:
 
 
 def notes(found: Learned) -> list[str]:
-    """Sentences on what was taken for granted: a stage that is a spring, a sensor that was not zeroed."""
-    return [note for note in (found.spring, words.zero(found.zero)) if note]
+    """Sentences on what was taken for granted: a stage that is a spring, a sensor that was not zeroed, its spikes."""
+    return [note for note in (found.spring, words.zero(found.zero), _of_spikes(found)) if note]
+
+
+def _of_spikes(found: Learned) -> str:
+    """Samples that were left out, in a sentence."""
+    most = max(one.spikes for one in found.passes)
+    if not most > 0:
+        return ""
+    share = f"{figures(100 * most, 2)} % of the samples of a pass"
+    return f"Up to {share} were not as in the other periods, and did not count: look for spikes of the sensor."
 
 
 def page(found: Learned, command: str | None = None) -> Page:

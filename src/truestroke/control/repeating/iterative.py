@@ -50,6 +50,9 @@ LIMITED = 0.01  # of the samples at a limit: beyond, the verdict says so
 ABOVE = 0.2  # of the square of the noise: what else may be in an error that is called noise
 NEAR = 2.0  # times the noise: an error that more passes hardly lower
 FINE = 1e-3  # of the peak-to-peak, rms: a result that is good
+FEWEST_PERIODS = 5  # among which a spike is seen
+SPIKE = 15.0  # times the median of all deviations from the other periods: ten standard deviations of noise
+MOST_SPIKES = 0.03  # of the samples: more are none
 HELD = 0.4  # of the noise of a pass: what of it is learned, and moves the stage
 SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where more passes help,
 STOPPED = 4  # and what one of the last passes must have had of the best one before
@@ -84,6 +87,8 @@ class Pass(Displayed):
         In a sentence, why the next pass does not build on this one; empty where it does.
     limit : str
         In a sentence, the limit that holds most of them and what helps; empty where none does.
+    spikes : float
+        Share of the measured samples that no other period has at its place: they do not count.
     """
 
     number: int
@@ -97,6 +102,7 @@ class Pass(Displayed):
     limited: float
     undone: str = ""
     limit: str = ""
+    spikes: float = 0.0
 
     @property
     def verdict(self) -> Verdict:
@@ -312,7 +318,8 @@ class IterativeLearning(Displayed):
         if z is None:
             return self._missed()
         self._refuse_clipped(z)
-        mean, noise2 = self._mean(z)
+        spikes = _spikes(z)
+        mean, noise2 = self._mean(np.where(spikes, np.nan, z))
         Z, first = np.fft.rfft(mean), self._hysteresis is None
         if first:
             self._scale(np.fft.rfft(self.volts), Z, noise2)
@@ -343,6 +350,7 @@ class IterativeLearning(Displayed):
             limited=self._held.share,
             limit=self._held.words,
             undone=following.undone,
+            spikes=float(np.mean(spikes)),
         )
         if not following.undone:
             self._base = self.volts
@@ -548,9 +556,9 @@ class Learned(Displayed):
 
     def _beyond(self) -> str:
         """A sentence where most of the error is in harmonics that are not learned."""
-        error = self.best.error - self.best.error.mean()
-        power = np.abs(np.fft.rfft(error)) ** 2
-        _, learned = self.learning.harmonics
+        power = 2 * np.abs(np.fft.rfft(self.best.error)) ** 2
+        power[0] /= 2
+        learned = self.learning.harmonics[1] | (np.arange(power.size) == 0)  # the mean creeps, and is followed
         if power[~learned].sum() < power[learned].sum():
             return ""
         rate, samples = self.learning.sample_rate, self.learning.samples
@@ -574,6 +582,27 @@ class Learned(Displayed):
 def at_the_noise(one: Pass, times: float = 1.0) -> bool:
     """Whether the error of a pass is hardly more than its noise, or `times` of it."""
     return bool(one.rmse**2 < (times**2 + ABOVE) * one.noise**2)
+
+
+def _spikes(z: FloatArray) -> BoolArray:
+    """Which samples of the periods, as rows, are not those of the others at their place; none of fewer than five.
+
+    Deviations are from the median of the periods, without that of each period, which creeps.
+
+    >>> z = np.tile([0.0, 1.0, 2.0, 1.0], (10, 1)) + 0.01 * np.sin(np.arange(40.0)).reshape(10, 4)
+    >>> z[3, 2] += 1.0
+    >>> np.argwhere(_spikes(z)).tolist()
+    [[3, 2]]
+    """
+    none = np.zeros(z.shape, dtype=bool)
+    if len(z) < FEWEST_PERIODS:
+        return none
+    off = z - np.nanmedian(z, axis=0)
+    off -= np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in off])[:, np.newaxis]
+    size = np.abs(off)
+    far = size > SPIKE * float(np.nanmedian(size))
+    whole = (far | np.isnan(z)).all(axis=0).any()  # no sample would be there
+    return none if whole or np.mean(far) > MOST_SPIKES or not np.nanmedian(size) > 0 else far
 
 
 # ---- The motion ----------------------------------------------------------------------------------------------------
