@@ -521,6 +521,7 @@ typedef struct {
 } ts_tone;
 
 #define TS_STEADY_TONE ((ts_real)0.95) /* of the square of a block: its product with the one before, where a tone is no ringing: it neither decays nor grows */
+#define TS_ORDERS_OF_STAGE ((ts_real)40.5) /* of a harmonic of the motion, as 840 Hz of lines of 40 Hz, at which the stage rings */
 #define TS_OF_LOAD ((ts_real)0.35) /* of the frequency of a load: what is shown so near to it is the load */
 
 /* Anew, about this frequency, cycles per tick. */
@@ -530,7 +531,7 @@ TS_API void ts_tone_begin(ts_tone *t, ts_real centre);
 TS_API void ts_tone_tick(ts_tone *t, ts_real error, ts_real zdot_d);
 
 /* The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none. */
-TS_API ts_real ts_tone_of_load(const ts_tone *t, ts_real steady);
+TS_API ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders);
 
 /* Of what is about the frequency: its amplitude, um. */
 TS_API ts_real ts_tone_amplitude(const ts_tone *t);

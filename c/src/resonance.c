@@ -25,7 +25,7 @@
 #define ABOUT ((ts_real)0.04)       /* and where it is about its centre, and no stage is in the model */
 #define EXPLAIN ((ts_real)0.5)      /* share of the plays, there: what our voltage does not drive is noise */
 #define SHOWS ((ts_real)0.5)        /* of the error of plays alone: a resonance leaves less */
-#define RINGS ((ts_real)0.45)        /* and what rings without our voltage: white noise leaves 0.48 to 0.65 */
+#define RINGS_ALONE ((ts_real)0.45)  /* and what rings without our voltage: white noise leaves 0.48 to 0.65 */
 #define NEAREST ((ts_real)0.6)      /* of the centre: bounds of an estimate in that window */
 #define FURTHEST ((ts_real)1.4)
 #define AGREE ((ts_real)1.05)       /* centre and estimate */
@@ -353,7 +353,7 @@ static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, 
 /* A load that the window sees is no resonance: what the window shows near it, or points to, is not that of the stage. */
 static void pass_over_load(ts_resonance *r, ts_window *w, ts_real loudest)
 {
-    ts_real tone = ts_tone_of_load(&r->tone, TS_STEADY_TONE), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
+    ts_real tone = ts_tone_of_load(&r->tone, TS_STEADY_TONE, TS_ORDERS_OF_STAGE), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
     if (r->load > most) r->load = most;
     if (!(tone > 0) || !(r->power < loudest)) return;
     if (amplitude > r->load) r->load = amplitude;
@@ -395,7 +395,7 @@ ts_real ts_resonance_ringing(const ts_resonance *r)
     sums_with_ridge(r, N);
     if (!eliminate(N, 0, BAND)) return 0;
     ts_real plays = N[LOW][LOW];
-    if (!eliminate(N, BAND, LOW) || !(r->driven > EXPLAIN || N[LOW][LOW] < RINGS * plays)) return 0;
+    if (!eliminate(N, BAND, LOW) || !(r->driven > EXPLAIN || N[LOW][LOW] < RINGS_ALONE * plays)) return 0;
     return (plays - N[LOW][LOW]) / (ts_real)r->window;
 }
 

@@ -6,8 +6,7 @@
 #define BLOCK_PERIODS 4                /* of the centre: a block */
 #define LONGEST_BLOCK ((ts_real)1e8)   /* ticks */
 #define FEWEST_BLOCKS 9                /* of a window, half a block after each other: fewer show nothing */
-#define HIGHEST_ORDER ((ts_real)40.5)  /* of a harmonic of the motion, as of lines of 40 Hz at 840 Hz: higher ones cannot be distinguished, */
-#define OFF_HARMONIC ((ts_real)0.04)   /* nor are they by less of the motion's frequency */
+#define OFF_HARMONIC ((ts_real)0.04)   /* of the motion's frequency: what is nearer to a harmonic is not distinguished from it */
 
 static ts_real square_of(const ts_real *a)
 {
@@ -93,14 +92,14 @@ static ts_real frequency_of(const ts_tone *t)
     return (BLOCK_PERIODS + 2 * half_angle / TS_PI) / (ts_real)t->block;
 }
 
-ts_real ts_tone_of_load(const ts_tone *t, ts_real steady)
+ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders)
 {
     ts_real larger = t->power[t->power[0] > t->power[1] ? 0 : 1];
     if (t->blocks < FEWEST_BLOCKS || !(root_of(square_of(t->product)) > steady * larger)) return 0;
     ts_real frequency = frequency_of(t);
     if (t->turns < 2) return frequency;
     ts_real order = frequency * (t->last - t->first) / (ts_real)(t->turns - 1);
-    if (!(order >= 0 && order < HIGHEST_ORDER)) return frequency;
+    if (!(order >= 0 && order < orders)) return frequency;
     return size_of(order - (ts_real)(int)(order + (ts_real)0.5)) > OFF_HARMONIC ? frequency : 0;
 }
 

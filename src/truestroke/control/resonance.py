@@ -33,7 +33,7 @@ LAG_STEPS = 4  # of Newton's method: enough for a lag up to 1 / w0
 COARSE = 4  # plays, those of the smallest thresholds, with which the resonance is found once more
 COSTS = 0.5  # of the range: the error of a stage that is wrong by itself, in a motion as fast as it is
 SHOWS = 0.5  # of the error of plays alone: a resonance leaves less
-RINGS = 0.45  # and what rings without our voltage: white noise leaves 0.48 to 0.65
+RINGS_ALONE = 0.45  # and what rings without our voltage: white noise leaves 0.48 to 0.65
 NEAREST, FURTHEST = 0.6, 1.4  # of the centre: bounds of an estimate in that window
 AGREE = 1.05  # centre and estimate
 SURE, TRUST = 0.02, 5  # standard deviation of an estimate, over it, and how many of these its error is,
@@ -219,7 +219,7 @@ class ResonanceEstimator:
         if not _eliminate(N, 0, BAND):
             return 0.0
         plays = N[LOW][LOW]
-        if not _eliminate(N, BAND, LOW) or not (self.driven > EXPLAIN or N[LOW][LOW] < RINGS * plays):
+        if not _eliminate(N, BAND, LOW) or not (self.driven > EXPLAIN or N[LOW][LOW] < RINGS_ALONE * plays):
             return 0.0
         return (plays - N[LOW][LOW]) / self._window
 

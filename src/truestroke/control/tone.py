@@ -8,8 +8,8 @@ BLOCK_PERIODS = 4  # of the centre: a block
 LONGEST_BLOCK = 1e8  # ticks
 FEWEST_BLOCKS = 9  # of a window, half a block after each other: fewer show nothing
 STEADY_TONE = 0.95  # of the square of a block: its product with the one before; a steady tone neither decays nor grows
-HIGHEST_ORDER = 40.5  # of a harmonic of the motion, as 840 Hz of lines of 40 Hz: higher ones cannot be distinguished,
-OFF_HARMONIC = 0.04  # nor are they by less of the motion's frequency
+ORDERS_OF_STAGE = 40.5  # of a harmonic of the motion, as 840 Hz of lines of 40 Hz, at which the stage rings
+OFF_HARMONIC = 0.04  # of the motion's frequency: what is nearer to a harmonic is not distinguished from it
 OF_LOAD = 0.35  # of the frequency of a load: what is shown so near to it is the load
 
 
@@ -84,10 +84,13 @@ class ToneDetector:
     @property
     def of_load(self) -> float:
         """The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none."""
-        return self.shown(STEADY_TONE)
+        return self.shown(STEADY_TONE, ORDERS_OF_STAGE)
 
-    def shown(self, steady: float) -> float:
-        """The same, where the product of a block and the one before is such a share of the squares."""
+    def shown(self, steady: float, orders: float) -> float:
+        """The same, where the product of a block and the one before is such a share of the squares.
+
+        orders: of harmonics of the motion; a higher one is not distinguished from a load.
+        """
         larger = max(self._later, self._earlier)
         if self._blocks < FEWEST_BLOCKS or not math.sqrt(_square(self._product)) > steady * larger:
             return 0.0
@@ -95,7 +98,7 @@ class ToneDetector:
         if self._turns < 2:
             return frequency
         order = frequency * (self._last_turn - self._first_turn) / (self._turns - 1)
-        if not 0 <= order < HIGHEST_ORDER:
+        if not 0 <= order < orders:
             return frequency
         return frequency if abs(order - int(order + 0.5)) > OFF_HARMONIC else 0.0
 
