@@ -169,7 +169,9 @@ class ReferenceController(Displayed):
         if any(before[name] != c.members[name] for name in ("kalman.filter", "smoothing", "resonance")):
             forget_stage(c)
         if before["hum.lines"] != c.members["hum.lines"]:  # each begins anew
-            c.hum = replace(Hum(), turn=c.hum.turn, ears=c.hum.ears, subtracted=c.hum.subtracted)
+            c.hum = replace(
+                Hum(), turn=c.hum.turn, ears=c.hum.ears, subtracted=c.hum.subtracted, unexplained=c.hum.unexplained
+            )
         if c.filtering is not None:
             c.filtering.take(kalman_settings(settings))
         elif isinstance(c.law, RLS):
