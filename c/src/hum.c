@@ -16,7 +16,7 @@
 #define NEXT_OF_EAR ((ts_real)0.01679616)  /* that of each detector eight times as fast */
 #define MEAN_OF 1                      /* s: of the mean of what the first weights explain */
 #define LARGE_MOTION ((ts_real)0.1)   /* of the stroke: rms of a motion, of which a second is remembered */
-#define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, where no stage rings, but the law still learns */
+#define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, in the error, which a law that still learns changes */
 #define ORDERS ((ts_real)20.5)         /* of a harmonic of the motion: a tone there may be of it */
 #define BLOCKS_HEARD 10               /* of a centre */
 #define BEGINS 5                      /* times 1 / HUM_FOLLOWED: until then the amplitudes are not known */
@@ -293,8 +293,9 @@ static bool listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
 {
     bool anew = !(e->centre > 0), taken = false;
     if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
-        ts_real shown = ts_tone_of_load(&e->tone, STEADY_LOAD, ORDERS);
-        if (shown > 0) taken = hear_load(c, shown, ts_tone_amplitude(&e->tone), ts_tone_of_load(&e->tone, TS_STEADY_TONE, ORDERS) > 0);
+        ts_real steady = ts_tone_of_load(&e->tone, TS_STEADY_TONE, ORDERS);
+        ts_real shown = e->of_error ? ts_tone_of_load(&e->tone, STEADY_LOAD, ORDERS) : steady;
+        if (shown > 0) taken = hear_load(c, shown, ts_tone_amplitude(&e->tone), steady > 0);
         e->centre *= NEXT_OF_EAR;
         if (e->centre < lowest) e->of_error = 1 - e->of_error;
         anew = true;

@@ -603,12 +603,12 @@ class Kernel {
     // Of the first resonance that was told or found, and of the corner of the law's filter, cycles per tick; NaN for
     // the first where none is known, for both where the law is not the Kalman filter.
     double resonance() const { return c_.stage.resonance > 0 ? c_.stage.resonance : NAN; }
-    nb::tuple load() const { // of the loudest, cycles per tick, um; NaN where none was heard
+    nb::tuple load() const { // of the loudest, cycles per tick, um; NaN where none was heard, or none exceeds the noise
         double turns = NAN, loudest = NAN;
         for (int i = 0; i < TS_HEARD && c_.hum.heard[i][2] > 0; i++) {
             const ts_real *a = c_.hum.sine[c_.settings->hum.lines + i];
             double size = std::hypot(a[0], a[1]);
-            if (size <= loudest) continue;
+            if (size <= loudest || !(size > c_.law.kalman.sigma)) continue;
             loudest = size;
             turns = c_.hum.heard[i][2] * c_.settings->oscillation.tick / (2 * TS_PI);
         }

@@ -47,7 +47,7 @@ NEXT_LOAD = 0.6  # and how it goes down,
 NEXT_OF_EAR = 0.01679616  # that of each detector eight times as fast
 MEAN_OF = 1  # s: of the mean of what the first weights explain
 LARGE_MOTION = 0.1  # of the stroke: rms of a motion, of which a second is remembered
-STEADY_LOAD = 0.8  # as `STEADY_TONE`, where no stage rings, but the law still learns
+STEADY_LOAD = 0.8  # as `STEADY_TONE`, in the error, which a law that still learns changes
 ORDERS = 20.5  # of a harmonic of the motion: a tone there may be of it
 BLOCKS_HEARD = 10  # of a centre
 BEGINS = 5  # times 1 / FOLLOWED: until then the amplitudes are not known
@@ -288,8 +288,10 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
     """
     lowest, taken = LOWEST_LOAD * c.oscillation.tick, False
     if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
-        if (load := ear.tone.shown(STEADY_LOAD, ORDERS)) > 0:
-            taken = hear(c, load, ear.tone.amplitude, steady=ear.tone.shown(STEADY_TONE, ORDERS) > 0)
+        steady = ear.tone.shown(STEADY_TONE, ORDERS)
+        load = ear.tone.shown(STEADY_LOAD, ORDERS) if ear.of_error else steady
+        if load > 0:
+            taken = hear(c, load, ear.tone.amplitude, steady=steady > 0)
         ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
         if ear.centre < lowest:
             ear.of_error = not ear.of_error
