@@ -157,31 +157,20 @@ bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude)
     return false;
 }
 
-/* What was taken for the stage is a load. */
-static void forget_taken(ts_controller *c)
-{
-    ts_forget_stage(c);
-    ts_keep_command(c);
-}
-
-/* Whether the resonance is that of the settings, and no load. */
-static bool knows_resonance(const ts_controller *c)
-{
-    return c->settings->resonance > 0 || c->settings->dynamics.known;
-}
-
 /* When the amplitudes are known: what was taken for the stage before is forgotten where it is the loudest line. */
 void ts_forget_hum(ts_controller *c)
 {
     const ts_settings *s = c->settings;
-    if (lines_of(c) == 0 || knows_resonance(c) || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
+    bool given = s->resonance > 0 || s->dynamics.known;
+    if (lines_of(c) == 0 || given || !(c->stage.resonance > 0) || begins(c, 0) || !begins(c, 1)) return;
     ts_real most = LOUD_LINE * s->stroke;
     for (int i = 0; i < lines_of(c); i++) {
         ts_real size = size_of_line(c, i);
         if (size > most) most = size;
     }
     if (!ts_is_hum(c, c->stage.resonance, most)) return;
-    forget_taken(c);
+    ts_forget_stage(c);
+    ts_keep_command(c);
 }
 
 /* The first resonance of the stage, cycles per tick; 0: it is not known. */
@@ -228,35 +217,26 @@ static int quietest_line(const ts_controller *c)
     return place;
 }
 
-/* Whether a tone that neither decays nor grows has the frequency of a resonance that nobody gave: a load was taken for the stage. */
-static bool was_taken_for_stage(const ts_controller *c, ts_real frequency, bool steady)
-{
-    return steady && !knows_resonance(c) && c->stage.resonance > 0 && size_of(frequency / c->stage.resonance - 1) < OF_LINE;
-}
-
 /* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and louder than the noise. Where as
- * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. Returns whether it was taken for the stage;
- * it may be only where it is `steady`. */
-static bool hear_load(ts_controller *c, ts_real frequency, ts_real amplitude, bool steady)
+ * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. */
+static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
 {
     ts_hum_state *h = &c->hum;
     int named = c->settings->hum.lines, place = lines_of(c);
     ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
     const ts_real line[3] = {(1 - g * g) / all, 2 * g / all, w};
     bool audible = amplitude > c->law.kalman.sigma && amplitude <= LARGEST_HUM * c->settings->stroke;
-    bool taken = was_taken_for_stage(c, frequency, steady);
-    if (!audible || (is_near_resonance(c, line) && !taken)) return false;
+    if (!audible || is_near_resonance(c, line)) return;
     for (int i = 0; i < lines_of(c); i++)
-        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return taken;
+        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
     if (place == named + TS_HEARD) {
         place = quietest_line(c);
-        if (amplitude < AS_LOUD * size_of_line(c, place)) return false;
+        if (amplitude < AS_LOUD * size_of_line(c, place)) return;
     }
     memcpy(h->heard[place - named], line, sizeof line);
     h->sine[place][0] = h->sine[place][1] = h->over[place] = 0;
     memset(h->regressor[place], 0, sizeof h->regressor[place]);
     h->measurement[place][0] = h->measurement[place][1] = 0;
-    return taken;
 }
 
 /* What a measurement has beside a straight line of the plays with their first weights, um: a load that the law follows is in it, too.
@@ -288,14 +268,14 @@ static ts_real unexplained(ts_controller *c, ts_real z, bool used)
 }
 
 /* One tick of a detector, whose centres begin at `first`, cycles per tick, and end at `lowest`; each time it begins again it is that of the
- * other signal. Returns whether it has heard a load that was taken for the stage. */
-static bool listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real lowest, const ts_real *signals, ts_real zdot_d)
+ * other signal. */
+static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real lowest, const ts_real *signals, ts_real zdot_d)
 {
-    bool anew = !(e->centre > 0), taken = false;
+    bool anew = !(e->centre > 0);
     if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
-        ts_real steady = ts_tone_of_load(&e->tone, TS_STEADY_TONE, ORDERS);
-        ts_real shown = e->of_error ? ts_tone_of_load(&e->tone, STEADY_LOAD, ORDERS) : steady;
-        if (shown > 0) taken = hear_load(c, shown, ts_tone_amplitude(&e->tone), steady > 0);
+        bool of_error = e->of_error > 0 || !c->settings->dynamics.known;
+        ts_real shown = ts_tone_of_load(&e->tone, of_error ? STEADY_LOAD : TS_STEADY_TONE, ORDERS);
+        if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&e->tone));
         e->centre *= NEXT_OF_EAR;
         if (e->centre < lowest) e->of_error = 1 - e->of_error;
         anew = true;
@@ -303,22 +283,18 @@ static bool listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
     if (e->centre < lowest) e->centre = first;
     if (anew) ts_tone_begin(&e->tone, e->centre);
     ts_tone_tick(&e->tone, signals[e->of_error], zdot_d);
-    return taken;
 }
 
 /* One tick of the search for a load: each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards,
- * or, where nobody gave it, from HIGHEST_LOAD at least. error: measured z less desired, um. */
+ * or, where it is not known, from HIGHEST_LOAD. error: measured z less desired, um. */
 void ts_listen(ts_controller *c, ts_real error, ts_real z, ts_real zdot_d, bool used)
 {
     ts_real tick = c->settings->oscillation.tick, first = NEAR_RESONANCE * first_resonance(c), lowest = LOWEST_LOAD * tick;
     if (c->settings->trim > 0) return;
-    ts_real least = knows_resonance(c) ? 0 : within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
-    if (first < least) first = least;
-    const ts_real signals[2] = {unexplained(c, z, used), error};
-    bool taken = false;
+    if (!(first > 0)) first = within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
+    const ts_real signals[2] = {c->settings->dynamics.known ? unexplained(c, z, used) : error, error};
     for (int i = 0; i < TS_EARS; i++) {
-        if (first >= lowest && listen_about(c, &c->hum.ear[i], first, lowest, signals, zdot_d)) taken = true;
+        if (first >= lowest) listen_about(c, &c->hum.ear[i], first, lowest, signals, zdot_d);
         first *= NEXT_LOAD;
     }
-    if (taken) forget_taken(c);
 }

@@ -14,7 +14,7 @@ from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
 from truestroke.control.reference.hum import follow_hum, hum_of, listen, miss_hum, tick_of_hum, without_hum
 from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
-from truestroke.control.reference.ringing import forget_hum, forget_taken, watch_stage
+from truestroke.control.reference.ringing import forget_hum, watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
 from truestroke.control.reference.terms import regressor, remember_creep, remember_voltage, through_dead_zones
 from truestroke.control.stage import Stage
@@ -63,8 +63,7 @@ def measure(c: State, z: float) -> bool:
     elif path is None:
         watch_stage(c, error, motion.zdot_d, limited if c.kept.guard.was_good else at_limit)
     forget_hum(c)
-    if listen(c, error, z, motion.zdot_d, used):
-        forget_taken(c)
+    listen(c, error, z, motion.zdot_d, used)
     watch_resonance(c, alone, error, motion.zdot_d, path)
     watch_learning(c, error, motion.z_d, used and (not at_limit or beyond))
     if law is not None and path is not None and path.ticks != c.lagged.ticks + 1:

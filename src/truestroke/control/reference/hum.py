@@ -215,43 +215,29 @@ def subtracted(c: State) -> tuple[float, float]:
     return total, ahead
 
 
-def knows_resonance(c: State) -> bool:
-    """Whether the resonance is that of the settings, and no load."""
-    return bool(c.members["resonance"] > 0 or c.members["dynamics.known"])
-
-
-def was_taken_for_stage(c: State, frequency: float, steady: bool) -> bool:
-    """Whether a tone that neither decays nor grows has the frequency of a resonance that nobody gave."""
-    shown = steady and not knows_resonance(c) and c.stage.resonance > 0
-    return shown and abs(frequency / c.stage.resonance - 1) < OF_LINE
-
-
-def hear(c: State, frequency: float, amplitude: float, steady: bool) -> bool:
+def hear(c: State, frequency: float, amplitude: float) -> None:
     """A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet.
 
     It is louder than the noise. Where as many as can be were heard before it takes the place of the quietest one, if it
-    is twice as loud. Returns whether it was taken for the stage; it may be only where it is `steady`.
+    is twice as loud.
     """
     g, hum, named = tangent(math.pi * frequency), c.hum, len(c.members["hum.line"])
     whole = 1 + g * g
     w = 2 * math.pi * frequency / c.oscillation.tick
     line, place = ((1 - g * g) / whole, 2 * g / whole, w), len(hum.heard)
+    same = any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c))
     sigma = c.filtering.sigma if c.filtering is not None else 0.0
     audible = sigma < amplitude <= LARGEST_HUM * c.settings.stroke
-    taken = was_taken_for_stage(c, frequency, steady)
-    if not audible or (is_near_resonance(c, line) and not taken):
-        return False
-    if any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c)):
-        return taken
+    if not audible or is_near_resonance(c, line) or same:
+        return
     if place == HEARD:
         place = min(range(HEARD), key=lambda i: size_of_line(c, named + i))
         if amplitude < AS_LOUD * size_of_line(c, named + place):
-            return False
+            return
     hum.heard[place : place + 1] = [line]
     place += named
     hum.sine[place], hum.over[place], hum.measurement[place] = [0.0, 0.0], 0.0, [0.0, 0.0]
     hum.regressor.pop(place, None)
-    return taken
 
 
 def unexplained(c: State, z: float, used: bool) -> float:
@@ -280,18 +266,16 @@ def unexplained(c: State, z: float, used: bool) -> float:
     return y - f.product / f.square * x
 
 
-def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float], zdot_d: float) -> bool:
+def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float], zdot_d: float) -> None:
     """One tick of a detector, whose centres begin at `first`, cycles per tick.
 
-    Each time it begins again it is that of the other signal. Returns whether it has heard a load that was taken for the
-    stage.
+    Each time it begins again it is that of the other signal.
     """
-    lowest, taken = LOWEST_LOAD * c.oscillation.tick, False
+    lowest = LOWEST_LOAD * c.oscillation.tick
     if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
-        steady = ear.tone.shown(STEADY_TONE, ORDERS)
-        load = ear.tone.shown(STEADY_LOAD, ORDERS) if ear.of_error else steady
-        if load > 0:
-            taken = hear(c, load, ear.tone.amplitude, steady=steady > 0)
+        of_error = ear.of_error or not c.members["dynamics.known"]
+        if (load := ear.tone.shown(STEADY_LOAD if of_error else STEADY_TONE, ORDERS)) > 0:
+            hear(c, load, ear.tone.amplitude)
         ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
         if ear.centre < lowest:
             ear.of_error = not ear.of_error
@@ -299,23 +283,21 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
         ear.centre = first
     ear.tone = ear.tone or ToneDetector(ear.centre)
     ear.tone.update(signals[ear.of_error], zdot_d)
-    return taken
 
 
-def listen(c: State, error: float, z: float, zdot_d: float, used: bool) -> bool:
+def listen(c: State, error: float, z: float, zdot_d: float, used: bool) -> None:
     """One tick of the search for a load; error: measured z less desired, um.
 
-    Returns whether one was taken for the stage. Each detector has every eighth centre, for 20 periods each, from half
-    of the first resonance downwards, or, where nobody gave it, from HIGHEST_LOAD at least.
+    Each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards, or, where it
+    is not known, from HIGHEST_LOAD.
     """
     tick, first = c.oscillation.tick, NEAR_RESONANCE * first_resonance(c)
     if c.filtering is None or not tick > 0 or c.settings.trim_rate > 0:
-        return False
-    if not knows_resonance(c):
-        first = max(first, min(HIGHEST_LOAD * tick, FASTEST_LOAD))
-    signals, taken = (unexplained(c, z, used), error), False
+        return
+    if not first > 0:
+        first = min(HIGHEST_LOAD * tick, FASTEST_LOAD)
+    signals = unexplained(c, z, used) if c.members["dynamics.known"] else error, error
     for ear in c.hum.ears:
-        if first >= LOWEST_LOAD * tick and listen_about(c, ear, first, signals, zdot_d):
-            taken = True
+        if first >= LOWEST_LOAD * tick:
+            listen_about(c, ear, first, signals, zdot_d)
         first *= NEXT_LOAD
-    return taken

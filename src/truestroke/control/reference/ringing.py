@@ -14,7 +14,7 @@ from truestroke.control.reference.found import (
     shows_gain,
     take_first,
 )
-from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, knows_resonance, lines_of, size_of_line
+from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, lines_of, size_of_line
 from truestroke.control.reference.state import State
 from truestroke.control.tone import OF_LOAD
 
@@ -136,18 +136,14 @@ def is_load(c: State, frequency: float) -> bool:
 
 def forget_hum(c: State) -> None:
     """When the amplitudes are known: what was taken for the stage before is forgotten where it is the loudest line."""
-    if not lines_of(c) or knows_resonance(c) or not c.stage.resonance > 0 or begins(c) or not begins(c, 1):
+    given = c.members["resonance"] > 0 or c.members["dynamics.known"]
+    if not lines_of(c) or given or not c.stage.resonance > 0 or begins(c) or not begins(c, 1):
         return
     most = LOUD_LINE * c.settings.stroke
     most = max(most, *(size_of_line(c, i) for i, _ in enumerate(lines_of(c))))
     if is_hum(c, c.stage.resonance, most):
-        forget_taken(c)
-
-
-def forget_taken(c: State) -> None:
-    """What was taken for the stage is a load."""
-    forget_stage(c)
-    keep_command(c)
+        forget_stage(c)
+        keep_command(c)
 
 
 def watch_stage(c: State, error: float, zdot_d: float, limited: bool) -> None:
