@@ -10,7 +10,7 @@ import selectors
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -223,44 +223,53 @@ def test_the_page_needs_no_more_of_sockets_than_each_system_has(
     assert "refused 1 requests: 1 without a token that allows it" in err
 
 
-def test_who_does_not_read_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bytes that nobody takes wait in the system's buffers; after ten seconds both ends are closed."""
-    clock = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    with socket.create_server(("127.0.0.1", 0)) as pages, selectors.DefaultSelector() as selector:
+@contextlib.contextmanager
+def relayed(asked: bytes) -> Iterator[tuple[relay.Relays, socket.socket, socket.socket, Callable[[], None]]]:
+    """The relays with one visitor, who has asked; his end, that of the pages, and what passes on what is there."""
+    with contextlib.ExitStack() as held:
+        pages = held.enter_context(socket.create_server(("127.0.0.1", 0)))
+        selector = held.enter_context(selectors.DefaultSelector())
         relays = relay.Relays(selector)
         reader, visitor = socket.socketpair()
+        held.enter_context(reader)
         visitor.setblocking(False)
-        relays.begin(visitor, b"GET /stream", pages.getsockname()[1])
+        relays.begin(visitor, asked, pages.getsockname()[1])
+        there, _ = pages.accept()
+        held.enter_context(there)
 
-        def look() -> None:
+        def passes_on() -> None:
             for key, _ in selector.select(0.01):
                 key.data(key.fileobj)
             relays.give_up()
 
-        there, _ = pages.accept()
-        look()
+        yield relays, reader, there, passes_on
+
+
+def test_who_does_not_read_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bytes that nobody takes wait in the system's buffers; after ten seconds both ends are closed."""
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with relayed(b"GET /stream") as (relays, reader, there, passes_on):
+        passes_on()
         assert there.recv(100) == b"GET /stream"
         there.setblocking(False)
         sent = 0
         for _ in range(1000):
             with contextlib.suppress(BlockingIOError):
                 sent += there.send(bytes(100_000))
-            look()
+            passes_on()
         assert sent < 20_000_000  # the pages notice it
         clock[0] = 9.0
         for _ in range(20):  # it takes some
             reader.recv(65536)
-            look()
+            passes_on()
         clock[0] = 18.0
         for _ in range(5):
-            look()
+            passes_on()
         assert len(relays) == 1
         clock[0] = 40.0
-        look()
+        passes_on()
         assert len(relays) == 0
-        reader.close()
-        there.close()
 
 
 @pytest.mark.parametrize(
@@ -278,19 +287,12 @@ def test_pages_may_be_slow_and_a_visitor_may_not(
     """Where all processors are busy the pages, which give way, have answered after more than five seconds."""
     clock = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    with socket.create_server(("127.0.0.1", 0)) as pages, selectors.DefaultSelector() as selector:
-        relays = relay.Relays(selector)
-        reader, visitor = socket.socketpair()
-        visitor.setblocking(False)
-        relays.begin(visitor, asked, pages.getsockname()[1])
+    with relayed(asked) as (relays, reader, there, passes_on):
         reader.sendall(later)
-        there, _ = pages.accept()
 
         def look() -> None:
             for _ in range(5):
-                for key, _ in selector.select(0.01):
-                    key.data(key.fileobj)
-            relays.give_up()
+                passes_on()
 
         look()
         clock[0] = seconds

@@ -530,7 +530,7 @@ TS_API void ts_tone_begin(ts_tone *t, ts_real centre);
 /* One tick: measured less desired (um), desired rate (um/s). */
 TS_API void ts_tone_tick(ts_tone *t, ts_real error, ts_real zdot_d);
 
-/* The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none. */
+/* The frequency of a tone that is so `steady`, and no harmonic of the motion up to `orders`, cycles per tick; 0: there is none. */
 TS_API ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders);
 
 /* Of what is about the frequency: its amplitude, um. */

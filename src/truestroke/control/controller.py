@@ -550,8 +550,8 @@ here: make this controller with the settings of the other one, restore, then `ch
     def load(self) -> tuple[float, float]:
         """Frequency, Hz, and amplitude, um, of a load that nobody has named with `hum`, and that was heard; or NaN.
 
-        The louder one, where there are two. It is listened for below half of the first resonance; below 125 Hz where
-        that is not known.
+        The louder one, where there are two; one that does not exceed `noise` is not stated. It is listened for below
+        half of the first resonance; below 125 Hz where that is not known.
         """
         turns, amplitude = self._kernel.load()
         return turns * self.settings.sample_rate, amplitude
