@@ -143,9 +143,9 @@ def test_a_load_that_the_law_follows_is_heard_beside_dynamics(load: float) -> No
 
 
 def test_what_is_below_the_noise_is_not_stated() -> None:
-    """A harmonic of the motion that its neighbours shift was heard: 3 nm at 9 Hz, where no load is."""
-    plant = stage(300.0, 0.0, hysteresis_kind="preisach")
-    _, controller = followed(plant, dynamics=plant.dynamics())
+    """A harmonic of the motion that its neighbours shift is heard: 0.8 nm at 25.4 Hz, where no load is."""
+    plant = stage(900.0, 0.0, hysteresis_kind="bouc-wen")
+    _, controller = followed(plant, motion=5.0, dynamics=plant.dynamics())
     assert np.isnan(controller.load).all()
 
 
