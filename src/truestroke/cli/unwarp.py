@@ -46,8 +46,9 @@ def unwarp(
     from truestroke import scans
     from truestroke.identification import unwarp as unwarping
     from truestroke.report import images as report
-    from truestroke.signals.scans.image_files import IMAGE
+    from truestroke.signals.scans.image_files import IMAGE, require_library
 
+    require_library(Path(output), "output")
     target = common.to_write("--output", output, IMAGE)
     (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
     fast = truestroke.usable_model(model, force=force)
