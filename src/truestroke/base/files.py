@@ -168,7 +168,7 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
     --------
     >>> check("model.h5", MODEL)
     Traceback (most recent call last):
-    truestroke.base.files.FileError: model.h5: a model is no .h5 file; call it model.toml
+    truestroke.FileError: model.h5: a model is no .h5 file; call it model.toml
     """
     path = Path(path)
     if kind.ending and path.suffix.lower() in FORMATS - {kind.ending}:
