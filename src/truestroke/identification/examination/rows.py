@@ -195,7 +195,7 @@ def _of_lost_rows(record: Record, found: Findings) -> Iterator[str]:
     >>> x = 5 - 5 * np.cos(np.arange(3000)[kept] / 50.0)
     >>> record = Record.from_arrays(x, x**1.1, sample_rate=1000.0)
     >>> next(_of_lost_rows(record, examine(record)))[:74]
-    'at 226 places both signals go 2 times as far in one row as in those beside'
+    'at 251 places both signals go 2 times as far in one row as in those beside'
     """
     step, z = np.diff(record.volts), np.diff(record.displacement)
     beside = np.array([np.roll(step, shift) for shift in (2, 1, -1, -2)])
