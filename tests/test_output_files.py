@@ -107,7 +107,8 @@ def test_no_file_has_the_name_of_another_format(option: str, name: str, right: s
     """`identify --output model.h5` wrote TOML."""
     record()
     done = CliRunner().invoke(main, ["identify", "rec.csv", f"--{option}", name])
-    assert (done.exit_code, done.stderr) == (1, f"truestroke: {name}: {right}\n")
+    stated = f"truestroke: --{option} {name}: {right}. See: truestroke identify --help\n"
+    assert (done.exit_code, done.stderr) == (2, stated)
     assert os.listdir() == ["rec.csv"]
 
 
