@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from truestroke import AdaptiveController, Dynamics, DynamicsError, SettingError, Timing, measure_bode, measure_dynamics
 from truestroke.cli import main
 from truestroke.identification.dynamics import bode
-from truestroke.identification.dynamics.fit import Fit, pulse_transfer
+from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, pair_transfer, pulse_transfer
 from truestroke.model.dynamics import Mode
 from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
 
@@ -113,6 +113,22 @@ def test_partial_fractions_and_aliases_give_the_same_response(damping: float, de
     pole, z = w * complex(-damping, np.sqrt(1 - damping**2)), np.exp(2j * np.pi * f / 1e4)
     both = [pulse_transfer(p, delay, z) * w**2 / (2j * p.imag) for p in (pole, pole.conjugate())]
     assert sum(both) == pytest.approx(stage.response(f), rel=1e-4, abs=1e-5)
+    assert pair_transfer(pole, w**2 / (2j * pole.imag), delay, z) == pytest.approx(sum(both), rel=1e-11)
+
+
+def test_derivatives_are_those_of_the_residual_whose_linear_numbers_follow() -> None:
+    f, random = np.linspace(5.0, 900.0, 180), np.random.default_rng(1)
+    U = np.exp(2j * np.pi * random.uniform(size=f.size))
+    stage = Dynamics(sample_rate=2000.0, modes=(Mode(frequency=300.0, damping=0.02),), dead_time=4e-4)
+    noise = 0.01 * (random.standard_normal(f.size) + 1j * random.standard_normal(f.size))
+    problem = Problem(Spectra(2000.0, 400, f, U, U * stage.response(f) + noise, np.full(f.size, 1e-4)), 1, lag=True)
+    x = np.array([np.log(305.0), np.log(0.03), 0.7, 0.02, np.log(20.0), 0.01, np.log(0.3)])
+    high = np.append(x[:-1] + 1, x[-1])  # the last one is at its bound
+    made = problem.jacobian(x, high)
+    for k in range(x.size):
+        step = 1e-5 * np.eye(x.size)[k]
+        slope = (problem.solve(x + step).residual - problem.solve(x - step).residual) / 2e-5
+        np.testing.assert_allclose(made[:, k], slope, atol=1e-4 * np.abs(slope).max())
 
 
 def test_a_sensor_that_is_sampled_at_the_end_of_its_tick_is_half_a_tick_early() -> None:

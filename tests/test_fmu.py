@@ -512,6 +512,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (("--actuator", "--model", "model.toml", "--slew", "3"), "--slew is one of a controller"),
         (("--actuator",), "--actuator needs --model FILE"),
         (("--actuator", "--stack"), "--actuator and --stack are two FMUs"),
+        (("--stack", "--force"), "--force uses a --model whose verdict is bad"),
         (("--history", "20", *sizes), "--history is one of `export c`"),
         (("--ticks", "200", *sizes), "--ticks is one of `export c`"),
     ):

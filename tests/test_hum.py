@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from benchmarks import foreign_stages
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError, judge, run, trajectories
 from truestroke.base.typing import FloatArray
@@ -134,12 +135,32 @@ def test_a_load_of_which_nobody_knows_is_no_burst_of_the_law() -> None:
 
 
 @pytest.mark.parametrize("load", [25.0, 25.3])
-def test_a_load_that_the_law_follows_is_heard_beside_dynamics(load: float) -> None:
+@pytest.mark.parametrize("known", ["f0", "dynamics"])
+def test_a_load_that_the_law_follows_is_heard_beside_what_is_given(load: float, known: str) -> None:
     """0.3 um beside a motion of 1 Hz: the error has a tenth of it."""
     plant = stage(600.0, 0.3, hysteresis_kind="preisach", hum_frequency=load)
-    error, controller = followed(plant, motion=1.0, dynamics=plant.dynamics())
+    given = {"dynamics": plant.dynamics()} if known == "dynamics" else {"resonance": 600.0}
+    error, controller = followed(plant, motion=1.0, **given)
     assert controller.load[0] == pytest.approx(load, abs=0.3)
     assert np.abs(error).max() < 0.5 * 0.3
+
+
+@pytest.mark.parametrize("f0", [0.98, 1.0])
+def test_a_line_that_the_command_drives_is_dropped(f0: float) -> None:
+    """328 Hz, f0 a fifth of it, a load of 0.16 um that the law follows: it rang with 10 um to the end."""
+    plant = stage(
+        68.7251, 0.16251, sample_rate=328.115, hysteresis_kind="plays", hum_frequency=8.0902, dampings=(0.0091,)
+    )
+    wave = trajectories.sine(frequency=0.2, peak_to_peak=12.0, offset=10.0, duration=8.0, sample_rate=328.115)
+    controller = AdaptiveController(**AXIS | {"sample_rate": 328.115}, resonance=68.7251 * f0)
+    recording = run(wave, controller, StagePlant(plant, seed=12))
+    assert (recording["true"] - recording["desired"])[-656:].std() < 2 * 0.16251
+
+
+def test_a_mode_below_the_one_that_was_found_is_no_load() -> None:
+    """With nothing given the second mode is found first. The ringing of the first was heard: 32 % of the motion."""
+    _, rms, _ = foreign_stages.follow(2014, given=False, duration=4.0, first=foreign_stages.First(arranged="front"))
+    assert rms < 2.0
 
 
 def test_what_is_below_the_noise_is_not_stated() -> None:

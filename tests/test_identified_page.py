@@ -1,6 +1,7 @@
 """The page of an identified model: its numbers, its warnings and its pictures, for records of every kind."""
 
 import dataclasses
+import itertools
 import json
 import os
 import re
@@ -19,7 +20,7 @@ from truestroke.identification.fitting.regression import Structure
 from truestroke.identification.fitting.select import Tried
 from truestroke.report.identified import model_page
 from truestroke.report.identified.page import line_rmse, structures, verdict
-from truestroke.report.identified.plots import plots
+from truestroke.report.identified.plots import plots, weights
 from truestroke.report.identified.view import View
 
 SHARED = Path(os.environ.get("TRUESTROKE_SHARED", Path(__file__).parents[2] / "shared"))
@@ -66,6 +67,23 @@ def cells(html):
     """Rows of all tables, as text."""
     root = ElementTree.fromstring(re.sub("^<!DOCTYPE html>", "", html))
     return [[" ".join("".join(cell.itertext()).split()) for cell in row] for row in root.iter("tr")]
+
+
+def test_labels_of_the_weights_neither_meet_nor_leave_the_picture(record):
+    """With seven creep times: 0.003 was drawn over 0.03, and the heading of the asymmetry ended outside."""
+    creeps = (0.003, 0.03, 0.3, 0.95, 3.0, 9.5, 30.0)
+    model = identify(record, **{**PLAIN, "creep_times": creeps, "rate": True, "asymmetry": 2})
+    figure = weights(View.of(model))
+    figure.canvas.draw()
+    for panel in figure.axes:
+        assert panel.title.get_window_extent().x1 < figure.bbox.x1, panel.get_title()
+        drawn = [label for label in panel.get_xticklabels() if label.get_text()]
+        for one, other in itertools.pairwise(drawn):
+            before, after, turned = one.get_window_extent(), other.get_window_extent(), one.get_rotation() == 45
+            free = (
+                (after.x1 - before.x1) / 2**0.5 - one.get_size() * figure.dpi / 72 if turned else after.x0 - before.x1
+            )
+            assert free > 0, panel.get_title()
 
 
 @pytest.mark.usefixtures("each_picture_once")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from truestroke import AdaptiveController, SettingError, run, trajectories
+from truestroke.base.threads import one_blas_thread
 from truestroke.identification import Record, identify, load_model, read_record, save_model
-from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.structure import _of_model
 from truestroke.model.models import RateDependentModel, play_inverse_literal
 from truestroke.model.operators import play
@@ -91,11 +91,11 @@ def test_threads_that_identify_leave_blas_as_it_was():
         return {entry["num_threads"] for entry in threadpool_info() if entry["user_api"] == "blas"}
 
     with threadpool_limits(2, "blas"):
-        normal.one_blas_thread.__enter__()
-        normal.one_blas_thread.__enter__()
-        normal.one_blas_thread.__exit__(None, None, None)
+        one_blas_thread.__enter__()
+        one_blas_thread.__enter__()
+        one_blas_thread.__exit__(None, None, None)
         assert threads() == {1}
-        normal.one_blas_thread.__exit__(None, None, None)
+        one_blas_thread.__exit__(None, None, None)
         assert threads() == {2}
         with pytest.raises(SettingError):
             identify((np.zeros(10), np.zeros(10), 100.0))

@@ -664,6 +664,10 @@ def test_a_motion_beyond_the_spring_is_refused():
         (("--frequency", "4600"), "frequency of the motion = 4600.0 Hz: must be at most 4500 Hz, 0.45 of the sample"),
         (("--frequency", "9999"), "frequency of the motion = 9999.0 Hz: must be at most 4500 Hz"),
         (("--frequency", "4499"), "must be one whose period is a whole number of samples, such as 3333.3333 Hz"),
+        (
+            ("--peak-to-peak", "31"),
+            "motion = 31 um from end to end: must be at most the stroke, 30 um over voltage_lim",
+        ),
     ],
 )
 def test_a_motion_that_cannot_be_learned_is_refused_before_anything_moves(options, words, tmp_path, monkeypatch):

@@ -371,6 +371,13 @@ def test_what_is_no_law_is_refused(law: Any, said: str) -> None:
 
 def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
     controller = ReferenceController(settings_of("default"))
+    for measured, words in (
+        ((1.0, "3"), "ago = '3'"),
+        ((1.0, 1.5), "ago = 1.5: must be a whole"),
+        ((None,), "z_measu"),
+    ):
+        with pytest.raises(SettingError, match=words):
+            controller.adapt(*measured)
     controller.command(10.0, 0.0)
     before = observed(controller)
     with pytest.raises(SettingError, match="zdot_d = nan um/s: must be finite"):

@@ -689,6 +689,9 @@ def test_a_command_that_is_refused_changes_nothing():
     same = copy.deepcopy(controller)
     with pytest.raises(SettingError, match="z_d"):
         controller.command(float("nan"), 0.0)
+    for measured, words in (((1.0, "3"), "ago = '3'"), ((1.0, 1.5), "ago = 1.5: must be a whole"), (("1",), "z_measu")):
+        with pytest.raises(SettingError, match=words):
+            controller.adapt(*measured)
     assert controller.command(10.0, 0.0) == same.command(10.0, 0.0)
 
 

@@ -270,6 +270,9 @@ def test_options_of_the_simulation_do_not_go_with_a_configuration(tmp_path) -> N
     (tmp_path / "run.toml").write_text(config.example())
     done = CliRunner().invoke(main, ["scan", "--config", str(tmp_path / "run.toml")])
     assert (done.exit_code, "has no table [scan]" in done.output) == (2, True)
+    (tmp_path / "stage.toml").write_text(SIMULATED.partition("[scan]")[0] + AXES)  # as of bode and learn
+    done = CliRunner().invoke(main, ["scan", "--config", str(tmp_path / "stage.toml")])
+    assert (done.exit_code, "has no table [scan]" in done.output, "trajectory" in done.output) == (2, True, False)
 
 
 # ---- Images of what was recorded -----------------------------------------------------------------------------------

@@ -58,7 +58,7 @@ def test_the_page_has_its_pictures(done):
     assert "A calibration grating" in page
     assert "laid over one another" in page
     assert "has had 4 s of lines before the image" in page
-    assert "hysteresis of plays and preisach, sensor noise of 1 nm" in page
+    assert "hysteresis of plays and Preisach, sensor noise of 1 nm" in page
 
 
 def test_ctrl_c_ends_the_runs_that_nobody_waits_for(monkeypatch):

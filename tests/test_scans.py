@@ -602,7 +602,7 @@ def test_files_that_are_none_are_named(pair, tmp_path):
         scans.save_images(tmp_path / "a.gsf", pair)
     for ending in ("gsf", "gwy", "tif", "nxs"):
         (tmp_path / f"bad.{ending}").write_bytes(b"no image at all")
-        with pytest.raises(scans.ImageError, match="damaged, or no image"):
+        with pytest.raises(scans.ImageError, match=r"damaged, or no image \(.+\): copy it again, or export it"):
             scans.read_images(tmp_path / f"bad.{ending}")
         with pytest.raises(FileExistsError, match="not an image that truestroke wrote"):
             scans.save_images(tmp_path / f"bad.{ending}", pair[:1])

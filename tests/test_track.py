@@ -44,6 +44,7 @@ def test_dynamics_make_a_fast_raster_follow():
         (("--dynamics", "dynamics.toml", "--sample-rate", "5000"), "5000"),
         (("--dynamics", "other.toml"), "first resonance at 300 Hz, the simulated stage at 700 Hz"),
         (("--plant", "stage", "--change-at", "0.5"), "change"),
+        (("--force",), "--force uses a --model whose verdict is bad: add --model FILE, or leave --force out."),
     ],
 )
 def test_what_does_not_fit_the_stage_is_refused(given, words):

@@ -430,6 +430,13 @@ def test_a_model_of_both_axes_is_warned_of_once(folder, tmp_path):
     assert CliRunner().invoke(main, list(map(str, given))).stderr.count("It was hot") == 1
 
 
+def test_an_output_of_another_kind_is_refused_before_anything_is_read(tmp_path):
+    image, record = tmp_path / "scan.gwy", tmp_path / "volts.csv"
+    image.write_bytes(b"no image at all"), record.write_text("nothing")
+    code, text = run(image, "--model", DAY_BEFORE, "--record", record, "--output", "new.png")
+    assert (code, "--output = new.png: must be a file that ends with .gsf, .gwy" in text) == (2, True)
+
+
 @pytest.mark.parametrize("name", ["scan.png", "scan.npy", "scan.sxm"])
 def test_a_file_of_another_kind_is_refused_with_what_to_do(folder, tmp_path, name):
     (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n")

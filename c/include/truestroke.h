@@ -558,9 +558,16 @@ typedef struct {
 } ts_unexplained;
 
 typedef struct {
+    ts_real line[3];                  /* cosine and sine of its angle in a tick, and 1/s; 0: none was heard */
+    ts_real announced, age;           /* um: amplitude with which it was heard; s: since then */
+    ts_real error[2], first[2];       /* um: what the error has of it, and the other signal in which loads are heard */
+} ts_load;
+
+typedef struct {
     ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
     ts_real sine[TS_LINES][2];        /* um: their amplitudes */
-    ts_real heard[TS_HEARD][3];       /* lines of loads that nobody has named; 0: none was heard */
+    ts_load heard[TS_HEARD];          /* loads that nobody has named */
+    ts_real refused[TS_HEARD][2];     /* 1/s, s: lines that were dropped, and for how long they are not heard again */
     ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
     ts_real subtracted;               /* um: of the last command */
     ts_unexplained unexplained;

@@ -16,30 +16,41 @@
 #define NEXT_OF_EAR ((ts_real)0.01679616)  /* that of each detector eight times as fast */
 #define MEAN_OF 1                      /* s: of the mean of what the first weights explain */
 #define LARGE_MOTION ((ts_real)0.1)   /* of the stroke: rms of a motion, of which a second is remembered */
-#define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, in the error, which a law that still learns changes */
+#define STEADY_LOAD ((ts_real)0.8)    /* as TS_STEADY_TONE, in the error, which a law that still learns changes, */
+#define STEADY_BESIDE_F0 ((ts_real)0.9)  /* and in what the first weights do not explain, where f0 alone is given */
 #define ORDERS ((ts_real)20.5)         /* of a harmonic of the motion: a tone there may be of it */
 #define BLOCKS_HEARD 10               /* of a centre */
 #define BEGINS 5                      /* times 1 / HUM_FOLLOWED: until then the amplitudes are not known */
 #define LONG_OVER ((ts_real)0.2)      /* s at that bound, after which the command drives a line, and leaves it alone */
+#define JUDGED_AFTER ((ts_real)0.5)   /* s: when it is known what a line that was heard does */
+#define NO_LOAD ((ts_real)0.05)       /* of the amplitude with which it was heard: a smaller one is none, */
+#define DRIVEN_UP 5                   /* and so many times it that of a line that the command drives */
+#define REFUSED_FOR 5                 /* s: how long a line that was dropped is not heard again, */
+#define NEAR_REFUSED ((ts_real)0.1)   /* nor one so near to it, of its frequency */
 
 /* Those that are named, and those that were heard. */
 static int lines_of(const ts_controller *c)
 {
     int heard = 0;
-    while (heard < TS_HEARD && c->hum.heard[heard][2] > 0) heard++;
+    while (heard < TS_HEARD && c->hum.heard[heard].line[2] > 0) heard++;
     return c->settings->hum.lines + heard;
 }
 
 static const ts_real *line_of(const ts_controller *c, int i)
 {
-    return i < c->settings->hum.lines ? c->settings->hum.line[i] : c->hum.heard[i - c->settings->hum.lines];
+    return i < c->settings->hum.lines ? c->settings->hum.line[i] : c->hum.heard[i - c->settings->hum.lines].line;
+}
+
+/* Of cosine and sine, um. */
+static ts_real amplitude_of(const ts_real *a)
+{
+    return root_of(a[0] * a[0] + a[1] * a[1]);
 }
 
 /* Amplitude of a line, um. */
 static ts_real size_of_line(const ts_controller *c, int i)
 {
-    const ts_real *a = c->hum.sine[i];
-    return root_of(a[0] * a[0] + a[1] * a[1]);
+    return amplitude_of(c->hum.sine[i]);
 }
 
 /* One tick of a phasor; its length stays one. */
@@ -62,6 +73,7 @@ void ts_hum_anew(ts_hum_state *h)
     memset(h->sine, 0, sizeof h->sine);
     memset(h->over, 0, sizeof h->over);
     memset(h->heard, 0, sizeof h->heard);
+    memset(h->refused, 0, sizeof h->refused);
     memset(h->regressor, 0, sizeof h->regressor);
     memset(h->measurement, 0, sizeof h->measurement);
 }
@@ -217,6 +229,14 @@ static int quietest_line(const ts_controller *c)
     return place;
 }
 
+/* Whether a line of this frequency, 1/s, was dropped not long ago. */
+static bool is_refused(const ts_hum_state *h, ts_real w)
+{
+    for (int i = 0; i < TS_HEARD; i++)
+        if (h->refused[i][1] > 0 && size_of(w / h->refused[i][0] - 1) < NEAR_REFUSED) return true;
+    return false;
+}
+
 /* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and louder than the noise. Where as
  * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. */
 static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
@@ -224,19 +244,70 @@ static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
     ts_hum_state *h = &c->hum;
     int named = c->settings->hum.lines, place = lines_of(c);
     ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
-    const ts_real line[3] = {(1 - g * g) / all, 2 * g / all, w};
+    const ts_load heard = {.line = {(1 - g * g) / all, 2 * g / all, w}, .announced = amplitude};
     bool audible = amplitude > c->law.kalman.sigma && amplitude <= LARGEST_HUM * c->settings->stroke;
-    if (!audible || is_near_resonance(c, line)) return;
+    if (!audible || is_near_resonance(c, heard.line) || is_refused(h, w)) return;
     for (int i = 0; i < lines_of(c); i++)
         if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
     if (place == named + TS_HEARD) {
         place = quietest_line(c);
         if (amplitude < AS_LOUD * size_of_line(c, place)) return;
     }
-    memcpy(h->heard[place - named], line, sizeof line);
+    h->heard[place - named] = heard;
     h->sine[place][0] = h->sine[place][1] = h->over[place] = 0;
     memset(h->regressor[place], 0, sizeof h->regressor[place]);
     h->measurement[place][0] = h->measurement[place][1] = 0;
+}
+
+/* A line that was heard is none any more. Those behind it move up. */
+static void drop_load(ts_controller *c, int i)
+{
+    ts_hum_state *h = &c->hum;
+    int named = c->settings->hum.lines, last = lines_of(c) - 1;
+    memmove(h->refused[1], h->refused[0], sizeof h->refused - sizeof h->refused[0]);
+    h->refused[0][0] = h->heard[i].line[2];
+    h->refused[0][1] = REFUSED_FOR;
+    for (int to = named + i; to < last; to++) {
+        memcpy(h->turn[to], h->turn[to + 1], sizeof h->turn[to]);
+        memcpy(h->sine[to], h->sine[to + 1], sizeof h->sine[to]);
+        memcpy(h->regressor[to], h->regressor[to + 1], sizeof h->regressor[to]);
+        memcpy(h->measurement[to], h->measurement[to + 1], sizeof h->measurement[to]);
+        h->over[to] = h->over[to + 1];
+        h->heard[to - named] = h->heard[to + 1 - named];
+    }
+    memset(&h->heard[last - named], 0, sizeof h->heard[0]);
+}
+
+/* What a signal, um, has of a line: cosine and sine, over the last 1 / HUM_FOLLOWED. */
+static void demodulate(ts_real *of, const ts_real *turn, ts_real signal, ts_real rate)
+{
+    of[0] += rate * (2 * signal * turn[0] - of[0]);
+    of[1] += rate * (2 * signal * turn[1] - of[1]);
+}
+
+/* Whether what was heard is no load: nothing is there, or the command that takes it away makes it larger. */
+static bool is_no_load(const ts_load *l, ts_real size)
+{
+    ts_real shows = amplitude_of(l->first), remains = amplitude_of(l->error), most = size > l->announced ? size : l->announced;
+    if (size > DRIVEN_UP * l->announced && remains > l->announced) return true;
+    return l->age > JUDGED_AFTER && (remains > most || (size > shows ? size : shows) < NO_LOAD * l->announced);
+}
+
+/* One tick in which lines that were heard are judged by the signals in which they were. */
+static void judge_loads(ts_controller *c, const ts_real *signals)
+{
+    ts_hum_state *h = &c->hum;
+    int named = c->settings->hum.lines;
+    ts_real tick = c->settings->oscillation.tick, rate = HUM_FOLLOWED * tick < 1 ? HUM_FOLLOWED * tick : 1;
+    for (int i = 0; i < TS_HEARD; i++)
+        if (h->refused[i][1] > 0) h->refused[i][1] -= tick;
+    for (int i = lines_of(c) - named - 1; i >= 0; i--) {
+        ts_load *l = &h->heard[i];
+        demodulate(l->first, h->turn[named + i], signals[0], rate);
+        demodulate(l->error, h->turn[named + i], signals[1], rate);
+        l->age += tick;
+        if (is_no_load(l, size_of_line(c, named + i))) drop_load(c, i);
+    }
 }
 
 /* What a measurement has beside a straight line of the plays with their first weights, um: a load that the law follows is in it, too.
@@ -267,14 +338,27 @@ static ts_real unexplained(ts_controller *c, ts_real z, bool used)
     return y - f->product / f->square * x;
 }
 
+/* Whether loads are listened for in what the first weights do not explain, too: where it is given, no load is taken for the stage. */
+static bool explains(const ts_controller *c)
+{
+    return c->settings->dynamics.known || c->settings->resonance > 0;
+}
+
+/* How steady a tone is a load, in the error or not. */
+static ts_real steady_load(const ts_controller *c, bool of_error)
+{
+    if (of_error) return STEADY_LOAD;
+    return c->settings->dynamics.known ? TS_STEADY_TONE : STEADY_BESIDE_F0;
+}
+
 /* One tick of a detector, whose centres begin at `first`, cycles per tick, and end at `lowest`; each time it begins again it is that of the
  * other signal. */
 static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real lowest, const ts_real *signals, ts_real zdot_d)
 {
     bool anew = !(e->centre > 0);
     if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
-        bool of_error = e->of_error > 0 || !c->settings->dynamics.known;
-        ts_real shown = ts_tone_of_load(&e->tone, of_error ? STEADY_LOAD : TS_STEADY_TONE, ORDERS);
+        bool of_error = e->of_error > 0 || !explains(c);
+        ts_real shown = ts_tone_of_load(&e->tone, steady_load(c, of_error), ORDERS);
         if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&e->tone));
         e->centre *= NEXT_OF_EAR;
         if (e->centre < lowest) e->of_error = 1 - e->of_error;
@@ -292,7 +376,8 @@ void ts_listen(ts_controller *c, ts_real error, ts_real z, ts_real zdot_d, bool 
     ts_real tick = c->settings->oscillation.tick, first = NEAR_RESONANCE * first_resonance(c), lowest = LOWEST_LOAD * tick;
     if (c->settings->trim > 0) return;
     if (!(first > 0)) first = within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
-    const ts_real signals[2] = {c->settings->dynamics.known ? unexplained(c, z, used) : error, error};
+    const ts_real signals[2] = {explains(c) ? unexplained(c, z, used) : error, error};
+    if (used) judge_loads(c, signals);
     for (int i = 0; i < TS_EARS; i++) {
         if (first >= lowest) listen_about(c, &c->hum.ear[i], first, lowest, signals, zdot_d);
         first *= NEXT_LOAD;

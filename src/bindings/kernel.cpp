@@ -366,7 +366,7 @@ void check_kalman(const ts_controller &c) {
         require_all("hum", length > static_cast<ts_real>(0.99) && length < static_cast<ts_real>(1.01) && c.hum.over[i] >= 0, "phasors of length 1, and times of 0 or more");
     }
     require_all("hum", c.hum.unexplained.square >= 0, "a sum of squares of 0 or more");
-    for (const auto &line : c.hum.heard) require_all("hum", line[2] >= 0, "frequencies of 0 or more");
+    for (const auto &load : c.hum.heard) require_all("hum", load.line[2] >= 0 && load.announced >= 0 && load.age >= 0, "frequencies, amplitudes and times of 0 or more");
     for (int i = 0; i < TS_EARS; i++) {
         const ts_ear &e = c.hum.ear[i];
         std::string name = "ear_" + std::to_string(i), ticks = "ear_ticks_" + std::to_string(i);
@@ -605,12 +605,12 @@ class Kernel {
     double resonance() const { return c_.stage.resonance > 0 ? c_.stage.resonance : NAN; }
     nb::tuple load() const { // of the loudest, cycles per tick, um; NaN where none was heard, or none exceeds the noise
         double turns = NAN, loudest = NAN;
-        for (int i = 0; i < TS_HEARD && c_.hum.heard[i][2] > 0; i++) {
+        for (int i = 0; i < TS_HEARD && c_.hum.heard[i].line[2] > 0; i++) {
             const ts_real *a = c_.hum.sine[c_.settings->hum.lines + i];
             double size = std::hypot(a[0], a[1]);
             if (size <= loudest || !(size > c_.law.kalman.sigma)) continue;
             loudest = size;
-            turns = c_.hum.heard[i][2] * c_.settings->oscillation.tick / (2 * TS_PI);
+            turns = c_.hum.heard[i].line[2] * c_.settings->oscillation.tick / (2 * TS_PI);
         }
         return nb::make_tuple(turns, loudest);
     }

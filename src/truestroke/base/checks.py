@@ -252,6 +252,26 @@ def count(argument: str, value: object, low: int, high: int) -> int:
     return int(result)
 
 
+def measurement(z_measured: object, ago: object) -> tuple[float, int]:
+    """A displacement, um, which may be NaN or infinite, and how many commands ago; both as numbers, of any size.
+
+    >>> measurement(1, 0)
+    (1.0, 0)
+    >>> measurement(1.0, "3")
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: ago = '3': must be a number
+    """
+    if type(z_measured) is float and type(ago) is int:  # of a loop, in every tick
+        return z_measured, ago
+    if not isinstance(z_measured, (float, np.floating)):
+        z_measured = number("z_measured", z_measured, "um")
+    whole = isinstance(ago, (int, np.integer))
+    if not whole and number("ago", ago) % 1:
+        raise SettingError("ago", ago, "a whole number from 0 to 1023")
+    return float(z_measured), int(ago)  # type: ignore[call-overload]
+
+
 def interval(argument: str, value: Any, unit: str = "") -> tuple[float, float]:
     """Two finite numbers, the first below the second."""
     try:

@@ -85,6 +85,7 @@ def export(target: str, output: Path, as_json: bool, **options: Any) -> None:
     from truestroke.export import export_c
 
     _refuse_others(target)
+    waveforms.refuse_forced(options)
     for kind, write in (("stack", _stack), ("actuator", _actuator)):
         if options[kind]:
             write(output, options, as_json)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke.base import files
+from truestroke.base import files, toml
+from truestroke.base.checks import SettingError
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
 from truestroke.cli import common, realtime
@@ -190,18 +191,26 @@ def _to_scan(config: Path) -> tuple[Job, Imaging]:
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             option = next(one.opts[0] for one in context.command.params if one.name == name)
             raise click.UsageError(f"{option} is of the simulation: with --config the table [scan] has the motion.")
-    job = configuration.load(config)
+    missing = click.UsageError(f"{config} has no table [scan]: add one, or follow its motion by truestroke run.")
+    try:
+        job = configuration.load(config)
+    except SettingError as error:
+        if "trajectory" in error.argument and "scan" not in toml.read(config):  # axes that [scan] would move
+            raise missing from error
+        raise
     if job.imaging is None:
-        raise click.UsageError(f"{config} has no table [scan]: add one, or follow its motion by truestroke run.")
+        raise missing
     return job, job.imaging
 
 
 def _without_image(done: realtime.Closed, why: str, as_json: bool) -> int:
     """Of a run whose recordings make no image: where they are; the exit code."""
-    kept = ", ".join(map(str, done.outcome.files)) if done.outcome.ticks else "no file"
     code = realtime.code_of(done.outcome, Verdict("bad"))
     if as_json:
         common.print_json({**realtime.as_dict(done, code), "images": []})
+    if not done.outcome.ticks and done.outcome.reason:  # which says why there is nothing
+        return code
+    kept = ", ".join(map(str, done.outcome.files)) if done.outcome.ticks else "no file"
     return common.complain(f"no image: {why}; what was recorded is in {kept}", code)
 
 

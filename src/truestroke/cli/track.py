@@ -40,6 +40,7 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
     """
     from truestroke.studies import tracking
 
+    waveforms.refuse_forced(options)
     recording_file, page_file = common.outputs(output, ".h5", ".html")
     dynamics = None if options["dynamics"] is None else _dynamics(options)
     kind: Any = options["plant"] or ("realistic" if dynamics is None else "stage")

@@ -46,13 +46,12 @@ def unwarp(
     from truestroke import scans
     from truestroke.identification import unwarp as unwarping
     from truestroke.report import images as report
-    from truestroke.signals.scans.image_files import IMAGE
+    from truestroke.signals.scans.image_files import IMAGE, require_library
 
+    require_library(Path(output), "output")
     target = common.to_write("--output", output, IMAGE)
     (page_file,) = common.outputs(str(target.with_suffix("")), ".html")
-    fast = truestroke.usable_model(model, force=force)
-    same = model_y is not None and model_y.resolve() == model.resolve()  # what speaks against it is said once
-    slow = fast if same else None if model_y is None else truestroke.usable_model(model_y, force=force)
+    fast, slow = _models(model, model_y, force)
     given = [scans.read_images(file) for file in (image, retrace) if file]
     before = unwarping.by_direction(*given, channel=channel)
     scanned = _recorded(record, lines, columns)
@@ -70,6 +69,16 @@ def unwarp(
     common.print_verdict(found.verdict)
     common.print_files(image=target, page=page_file, pictures=plots)
     return ExitCode.of(found.verdict)
+
+
+def _models(x: Path, y: Path | None, force: bool) -> tuple[truestroke.ActuatorModel, truestroke.ActuatorModel | None]:
+    """Those of both axes; what speaks against one that is that of both is said once."""
+    fast = truestroke.usable_model(x, force=force)
+    if y is None:
+        return fast, None
+    if y.resolve() == x.resolve():
+        return fast, fast
+    return fast, truestroke.usable_model(y, force=force)
 
 
 def _recorded(record: Path, lines: Path | None, columns: dict[str, Any]) -> truestroke.ScanRecord:

@@ -103,6 +103,12 @@ limit_options = common.options(
 )  # fmt: skip
 
 
+def refuse_forced(options: Mapping[str, Any]) -> None:
+    """UsageError for --force where there is no --model that it could be about."""
+    if options["force"] and options["model"] is None:
+        raise click.UsageError("--force uses a --model whose verdict is bad: add --model FILE, or leave --force out.")
+
+
 rest_option = click.option("--rest", metavar="S", type=click.FloatRange(0.0), default=REST,
                            help="Rest under the first voltage, from rest at 0 V.")  # fmt: skip
 

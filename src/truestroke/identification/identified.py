@@ -9,13 +9,14 @@ import numpy as np
 
 from truestroke.base import checks, display, notebook
 from truestroke.base.checks import SettingError
+from truestroke.base.threads import one_thread
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import interval, tested
 from truestroke.control.actuator import ActuatorModel
 from truestroke.identification.examination.examine import examine
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.fitting import normal, uncertainty, zeros
+from truestroke.identification.fitting import uncertainty, zeros
 from truestroke.identification.fitting.procedure import FEWEST, fit_samples
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.fitting.rest import from_step
@@ -81,7 +82,7 @@ class Identified:
         return display.as_html("Identified", rows) + pictures.identified(self) + self.model._repr_html_()
 
 
-@normal.one_thread
+@one_thread
 def identify(
     record: Any,
     *,

@@ -9,6 +9,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.threads import one_thread
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import actuator
@@ -137,7 +138,7 @@ class Refined(Sampled):
         return None if self.error is None else float(np.abs(self.error).max())
 
 
-@normal.one_thread
+@one_thread
 def refine(
     model: ActuatorModel,
     record: Record,

@@ -469,10 +469,9 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
 def _without_noise(volts: FloatArray, model: ActuatorModel) -> FloatArray:
     """The voltage at the actuator, V: a slow axis adds up the noise of its monitor in each state of its hysteresis."""
     low, high = model.voltage_range
-    quieter = quiet.without_noise(volts, quiet.noise_of(volts, high - low))
-    return quiet.without_reversals(
-        quieter, max(REVERSAL * float(np.ptp(volts)), NOISES * noise(volts, (slice(0, volts.size),)))
-    )
+    deviation = noise(volts, (slice(0, volts.size),))
+    quieter = quiet.without_noise(volts, quiet.noise_of(volts, high - low, deviation))
+    return quiet.without_reversals(quieter, max(REVERSAL * float(np.ptp(volts)), NOISES * deviation))
 
 
 def _places(

@@ -37,6 +37,7 @@ SETTLE = 0.3, 5.0  # s of each pass before the periods that count, at least and 
 RUNG = 7.0  # time constants of a mode: its ringing is a thousandth after them
 AVERAGED = 0.5  # s of periods that count, at least
 PERIODS = 2, 3  # of the motion, at least: before those that count, and those
+ROUNDED = 1e-6  # of the stroke: a motion of its whole length may be so much longer
 BEYOND = 1.0  # of the stroke: so far out of reach a motion may seem, where the stroke is twice what is stated
 LOOKS = 16, 0.05  # samples, s: so long at least the sensor is read at rest
 PATIENCE = 2, 4  # passes in a row without an improvement, after which it ends: near the noise, and far from it
@@ -159,7 +160,10 @@ def learn(
         dynamics, bandwidth, spring = _measured(driver, limits, rate, doing)
     given: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "slew_limit": slew, "model": known}
     try:
-        learning = IterativeLearning(motion, sample_rate, gain=gain, dynamics=dynamics, bandwidth=bandwidth, **given)
+        with checks.inside("", {"slew_limit": "slew"}):
+            learning = IterativeLearning(
+                motion, sample_rate, gain=gain, dynamics=dynamics, bandwidth=bandwidth, **given
+            )
     except SettingError as error:
         if spring and error.argument == "bandwidth":
             raise DynamicsError(f"the motion is too fast where {spring}") from error
@@ -256,6 +260,10 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
     """SettingError for a motion that is out of reach, before anything moves."""
     position = np.asarray(motion.position if isinstance(motion, Trajectory) else motion, dtype=np.float64)
     low, high = (gain * volts for volts in limits.voltage_limits)
+    repeats = position[position.size // 2 :] if isinstance(motion, Trajectory) else position  # behind the way from 0 um
+    if repeats.size and (length := float(np.ptp(repeats))) > (high - low) * (1 + ROUNDED):
+        bound = f"at most the stroke, {high - low:.4g} um over voltage_limits: make it smaller, or correct the stroke"
+        raise SettingError("motion", f"{length:.4g} um from end to end", bound)
     spare = BEYOND * (high - low)
     if position.size and (position.min() < low - spare or position.max() > high + spare):
         bound = (

@@ -21,8 +21,10 @@ OUTLIER = 4.0  # deviations of that error: steps count as much
 FEWEST, ROWS = 500, 20_000  # for that
 
 
-def noise_of(x: FloatArray, span: float) -> float:
+def noise_of(x: FloatArray, span: float, deviation: float | None = None) -> float:
     """Standard deviation of white noise of 1e-4 to 0.02 of a span in the voltage x, V; 0 where it is less or more.
+
+    `deviation` is that of all its noise, V, where the caller knows it already.
 
     Examples
     --------
@@ -30,7 +32,7 @@ def noise_of(x: FloatArray, span: float) -> float:
     >>> round(noise_of(x + 0.2 * np.random.default_rng(0).standard_normal(2000), 100.0), 1), noise_of(x, 100.0)
     (0.2, 0.0)
     """
-    deviation = noise(x, (slice(0, x.size),))
+    deviation = noise(x, (slice(0, x.size),)) if deviation is None else deviation
     if deviation == 0.0 or float(np.median(np.abs(np.diff(x, 2)))) < LEAST * deviation:  # a staircase: steps, no noise
         return 0.0
     return deviation if LEAST * span < deviation < MOST * span else 0.0

@@ -241,9 +241,11 @@ class ReferenceController(Displayed):
         Raises
         ------
         SettingError
-            The first measurement, within 1024 ticks, is beyond the reach of the voltage: nothing has changed.
+            The first measurement, within 1024 ticks, is beyond the reach of the voltage, or an argument is no number:
+            nothing has changed.
         """
         c = self._state
+        z_measured, ago = checks.measurement(z_measured, ago)
         if 0 <= ago < min(HISTORY, c.counters["commands"]):
             ago += c.sensor.ticks
             c.answered = ago + 1

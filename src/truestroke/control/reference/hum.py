@@ -47,11 +47,36 @@ NEXT_LOAD = 0.6  # and how it goes down,
 NEXT_OF_EAR = 0.01679616  # that of each detector eight times as fast
 MEAN_OF = 1  # s: of the mean of what the first weights explain
 LARGE_MOTION = 0.1  # of the stroke: rms of a motion, of which a second is remembered
-STEADY_LOAD = 0.8  # as `STEADY_TONE`, in the error, which a law that still learns changes
+STEADY_LOAD = 0.8  # as `STEADY_TONE`, in the error, which a law that still learns changes,
+STEADY_BESIDE_F0 = 0.9  # and in what the first weights do not explain, where f0 alone is given
 ORDERS = 20.5  # of a harmonic of the motion: a tone there may be of it
 BLOCKS_HEARD = 10  # of a centre
 BEGINS = 5  # times 1 / FOLLOWED: until then the amplitudes are not known
 LONG_OVER = 0.2  # s at that bound, after which the command drives a line, and leaves it alone
+JUDGED_AFTER = 0.5  # s: when it is known what a line that was heard does
+NO_LOAD = 0.05  # of the amplitude with which it was heard: a smaller one is none,
+DRIVEN_UP = 5  # and so many times it that of a line that the command drives
+REFUSED_FOR = 5  # s: how long a line that was dropped is not heard again,
+NEAR_REFUSED = 0.1  # nor one so near to it, of its frequency
+
+
+@dataclass
+class Load:
+    """One that nobody has named: ts_load of the kernel."""
+
+    line: tuple[float, float, float]  # cosine and sine of its angle in a tick, and 1/s
+    announced: float  # um: amplitude with which it was heard
+    age: float = 0.0  # s: since then
+    error: list[float] = field(default_factory=lambda: [0.0, 0.0])  # um: what the error has of it,
+    first: list[float] = field(default_factory=lambda: [0.0, 0.0])  # and the other signal in which loads are heard
+
+    def is_none(self, size: float) -> bool:
+        """Whether nothing is there, or the command that takes it away makes it larger; size: its amplitude, um."""
+        shows, remains = amplitude_of(self.first), amplitude_of(self.error)
+        if size > DRIVEN_UP * self.announced and remains > self.announced:
+            return True
+        nothing = max(size, shows) < NO_LOAD * self.announced
+        return self.age > JUDGED_AFTER and (remains > max(size, self.announced) or nothing)
 
 
 @dataclass
@@ -79,7 +104,10 @@ class Hum:
 
     turn: list[list[float]] = field(default_factory=lambda: [[1.0, 0.0] for _ in range(LINES)])
     sine: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um: amplitudes
-    heard: list[tuple[float, float, float]] = field(default_factory=list)  # lines of loads that nobody has named
+    heard: list[Load] = field(default_factory=list)  # loads that nobody has named
+    refused: list[tuple[float, float]] = field(
+        default_factory=list
+    )  # 1/s, s: those that were dropped, and for how long
     over: list[float] = field(default_factory=lambda: [0.0] * LINES)  # s: at that bound, without a break
     ears: list[Ear] = field(default_factory=lambda: [Ear() for _ in range(EARS)])
     unexplained: Unexplained = field(default_factory=Unexplained)
@@ -91,13 +119,17 @@ class Hum:
 def lines_of(c: State) -> list[tuple[float, float, float]]:
     """Those that are named, and those that were heard: of each cosine and sine of its angle in a tick, and 1/s."""
     named: list[tuple[float, float, float]] = c.members["hum.line"]
-    return named + c.hum.heard
+    return named + [load.line for load in c.hum.heard]
+
+
+def amplitude_of(a: list[float]) -> float:
+    """Of cosine and sine, um."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1])
 
 
 def size_of_line(c: State, i: int) -> float:
     """Amplitude, um."""
-    a = c.hum.sine[i]
-    return math.sqrt(a[0] * a[0] + a[1] * a[1])
+    return amplitude_of(c.hum.sine[i])
 
 
 def rotated(turn: list[float], line: tuple[float, float, float]) -> list[float]:
@@ -228,16 +260,51 @@ def hear(c: State, frequency: float, amplitude: float) -> None:
     same = any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c))
     sigma = c.filtering.sigma if c.filtering is not None else 0.0
     audible = sigma < amplitude <= LARGEST_HUM * c.settings.stroke
-    if not audible or is_near_resonance(c, line) or same:
+    refused = any(left > 0 and abs(w / one - 1) < NEAR_REFUSED for one, left in hum.refused)
+    if not audible or is_near_resonance(c, line) or refused or same:
         return
     if place == HEARD:
         place = min(range(HEARD), key=lambda i: size_of_line(c, named + i))
         if amplitude < AS_LOUD * size_of_line(c, named + place):
             return
-    hum.heard[place : place + 1] = [line]
+    hum.heard[place : place + 1] = [Load(line, amplitude)]
     place += named
     hum.sine[place], hum.over[place], hum.measurement[place] = [0.0, 0.0], 0.0, [0.0, 0.0]
     hum.regressor.pop(place, None)
+
+
+def drop(c: State, i: int) -> None:
+    """A line that was heard is none any more. Those behind it move up."""
+    hum, named, last = c.hum, len(c.members["hum.line"]), len(lines_of(c)) - 1
+    hum.refused = [(hum.heard[i].line[2], REFUSED_FOR), *hum.refused][:HEARD]
+    for to in range(named + i, last):
+        for states in (hum.turn, hum.sine, hum.measurement):
+            states[to] = states[to + 1]
+        hum.over[to] = hum.over[to + 1]
+        if to + 1 in hum.regressor:
+            hum.regressor[to] = hum.regressor[to + 1]
+        else:
+            hum.regressor.pop(to, None)
+    del hum.heard[i]
+
+
+def demodulated(of: list[float], turn: list[float], signal: float, rate: float) -> list[float]:
+    """What a signal, um, has of a line: cosine and sine, over the last 1 / FOLLOWED."""
+    return [of[0] + rate * (2 * signal * turn[0] - of[0]), of[1] + rate * (2 * signal * turn[1] - of[1])]
+
+
+def judge(c: State, signals: tuple[float, float]) -> None:
+    """One tick in which lines that were heard are judged by the signals in which they were."""
+    hum, named, tick = c.hum, len(c.members["hum.line"]), c.oscillation.tick
+    rate = min(FOLLOWED * tick, 1)
+    hum.refused = [(w, left - tick if left > 0 else left) for w, left in hum.refused]
+    for i in reversed(range(len(hum.heard))):
+        load, turn = hum.heard[i], hum.turn[named + i]
+        load.first = demodulated(load.first, turn, signals[0], rate)
+        load.error = demodulated(load.error, turn, signals[1], rate)
+        load.age += tick
+        if load.is_none(size_of_line(c, named + i)):
+            drop(c, i)
 
 
 def unexplained(c: State, z: float, used: bool) -> float:
@@ -266,6 +333,21 @@ def unexplained(c: State, z: float, used: bool) -> float:
     return y - f.product / f.square * x
 
 
+def explains(c: State) -> bool:
+    """Whether loads are listened for in what the first weights do not explain, too.
+
+    Where it is given, no load is taken for the stage.
+    """
+    return bool(c.members["dynamics.known"] or c.members["resonance"] > 0)
+
+
+def steady_load(c: State, of_error: bool) -> float:
+    """How steady a tone is a load, in the error or not."""
+    if of_error:
+        return STEADY_LOAD
+    return STEADY_TONE if c.members["dynamics.known"] else STEADY_BESIDE_F0
+
+
 def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float], zdot_d: float) -> None:
     """One tick of a detector, whose centres begin at `first`, cycles per tick.
 
@@ -273,8 +355,8 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
     """
     lowest = LOWEST_LOAD * c.oscillation.tick
     if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
-        of_error = ear.of_error or not c.members["dynamics.known"]
-        if (load := ear.tone.shown(STEADY_LOAD if of_error else STEADY_TONE, ORDERS)) > 0:
+        of_error = ear.of_error or not explains(c)
+        if (load := ear.tone.shown(steady_load(c, of_error), ORDERS)) > 0:
             hear(c, load, ear.tone.amplitude)
         ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
         if ear.centre < lowest:
@@ -296,7 +378,9 @@ def listen(c: State, error: float, z: float, zdot_d: float, used: bool) -> None:
         return
     if not first > 0:
         first = min(HIGHEST_LOAD * tick, FASTEST_LOAD)
-    signals = unexplained(c, z, used) if c.members["dynamics.known"] else error, error
+    signals = unexplained(c, z, used) if explains(c) else error, error
+    if used:
+        judge(c, signals)
     for ear in c.hum.ears:
         if first >= LOWEST_LOAD * tick:
             listen_about(c, ear, first, signals, zdot_d)

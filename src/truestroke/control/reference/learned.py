@@ -347,22 +347,10 @@ def compare_kept(c: State, law: FilteringLaw) -> None:
         kept.guard.compare(law.missing(kept.first if kept.begun else kept.weights))
 
 
-def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
-    """One tick of the guard, and what it decides."""
-    law, kept, guard = c.filtering, c.kept, c.kept.guard
-    if law is None or guard.settings.window == 0 or c.held:
-        return
-    resting = c.stage.rest > 0 and guard.held == 0
-    noise = max(kept.knowledge[1] if guard.kept else law.sigma, c.resolution)
-    if c.stage.resonance > 0:  # known: what rings there is judged by its windows
-        guard.swings = 0
-    if c.path is None:
-        watch_burst(c, law, error)
-    known = guard.kept
-    rising = c.stage.growth is not None and c.stage.growth.rising >= RISING - 1
-    if (guard.bad > 0 or rising) and counts and not resting:
-        compare_kept(c, law)
-    match guard.update(error, z_d, counts=counts and not resting, noise=noise):
+def decide(c: State, law: FilteringLaw, action: Action) -> None:
+    """What the guard has decided."""
+    kept, guard = c.kept, c.kept.guard
+    match action:
         case Action.KEEP:
             weights_at_best(c, law)
         case Action.RESTORE:
@@ -391,6 +379,24 @@ def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
                 forget_stage(c)
                 c.stage.detector.found = False
             take_weights(c, law, kept.aside, earlier=False)
+
+
+def watch_learning(c: State, error: float, z_d: float, counts: bool) -> None:
+    """One tick of the guard, and what it decides."""
+    law, kept, guard = c.filtering, c.kept, c.kept.guard
+    if law is None or guard.settings.window == 0 or c.held:
+        return
+    resting = c.stage.rest > 0 and guard.held == 0
+    noise = max(kept.knowledge[1] if guard.kept else law.sigma, c.resolution)
+    if c.stage.resonance > 0:  # known: what rings there is judged by its windows
+        guard.swings = 0
+    if c.path is None:
+        watch_burst(c, law, error)
+    known = guard.kept
+    rising = c.stage.growth is not None and c.stage.growth.rising >= RISING - 1
+    if (guard.bad > 0 or rising) and counts and not resting:
+        compare_kept(c, law)
+    decide(c, law, guard.update(error, z_d, counts=counts and not resting, noise=noise))
     if guard.kept is not known and not guard.lost:
         kept.gain.begin()
         kept.recall.begin()

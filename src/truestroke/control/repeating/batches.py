@@ -361,16 +361,8 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
     spread = float(np.std(missing))
     yield
     if now.hysteresis is None or (before.listens == 0 and spread < law.best):
-        shows = identified(
-            volts,
-            Z,
-            law.response,
-            noise2,
-            few=now.few,
-            learned=now.learned,
-            periods=1,
-            others=[(x, Y, n) for x, _, Y, n in now.passes],
-        )
+        others = [(x, Y, n) for x, _, Y, n in now.passes]
+        shows = identified(volts, Z, law.response, noise2, few=now.few, learned=now.learned, periods=1, others=others)
         now = yield from _with_model(now, (yield from shows))
     assert now.hysteresis is not None
     strain = yield from now.hysteresis.strain(volts)
@@ -387,16 +379,20 @@ def concluded(before: Learned, batch: Measured) -> Steps[Outcome]:
         yield from law.knowing()
     seen = yield from _mean_square(now, batch.errors)
     if now.listens > 0:
-        known, now = now.waiting, replace(now, error=spread, alone=seen, waiting=None)
-        if known is not None and _corrects(now, known, Z, spread):
-            return Outcome(replace(now, listens=0), known)
-        return Outcome(replace(now, listens=now.listens - 1 if spread < LEARNED * before.error else 0))
+        return _listened(replace(now, error=spread, alone=seen, waiting=None), before, Z)
     lost, least = 0, math.inf
     if _loses(seen, now.alone):
         lost = now.lost + 1 if seen[0] > FALLS * now.least else 0
         least = min(now.least, seen[0])
     now = replace(now, lost=lost, least=least)
     return (yield from _followed(now, batch, volts, missing, law.noise(noise2)))
+
+
+def _listened(now: Learned, before: Learned, measured: ComplexArray) -> Outcome:
+    """After a batch of the controller inside alone: the correction that waits is made, or this goes on."""
+    if before.waiting is not None and _corrects(now, before.waiting, measured, now.error):
+        return Outcome(replace(now, listens=0), before.waiting)
+    return Outcome(replace(now, listens=now.listens - 1 if now.error < LEARNED * before.error else 0))
 
 
 def _corrects(now: Learned, volts: FloatArray, measured: ComplexArray, error: float) -> bool:

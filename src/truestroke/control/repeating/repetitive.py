@@ -334,6 +334,7 @@ class RepetitiveController(Displayed):
         The controller inside gets it unless it rests. Steps of the learning, if some wait, are done here, when the
         voltage of this tick has left.
         """
+        z_measured, ago = checks.measurement(z_measured, ago)
         self._late = max(self._late, 1 + ago)
         if not self._rests:
             self.controller.adapt(z_measured, ago)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, figures, quantity
 from truestroke.base.errors import TruestrokeError
+from truestroke.base.threads import one_thread
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.identification.dynamics.excitation import Multisine
@@ -152,6 +153,7 @@ class Bode(Displayed):
         return f"Bode: {title.partition(': ')[2]}", [*rows, *more]
 
 
+@one_thread
 def identify_dynamics(
     record: SmallMotion, *, modes: int | None = None, sensor_delay: float = 0.0, sensor_bandwidth: float = 0.0
 ) -> Bode:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ VAGUE = 0.02, 0.4  # relative: standard deviations of frequency and damping beyo
 ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
 POOR = 5.0  # cost of a line of a fit that may be of another minimum
+STEP = 1.5e-8  # of a difference for a derivative
 KEPT = 8  # parts of the response to the last numbers: a derivative changes one number, and most parts remain
 
 
@@ -123,17 +125,36 @@ def pulse_transfer(pole: complex, delay: float, z: ComplexArray) -> ComplexArray
     >>> pulse_transfer(-0.5 + 0j, 0.3, z).real.round(6)
     array([2.])
     """
-    width = averaged(delay)
-    end = 0.5 - delay + width / 2
-    corners = (end, 1.0), (end - 1, -1.0), (end - width, -1.0), (end - 1 - width, 1.0)
-    first, later = 1 - math.ceil(end), math.ceil(1 + width - end)
-    entries = np.array([sum(sign * _ramp(pole, n + t) for t, sign in corners) for n in range(first, later)]) / width
-    rest = sum(sign * cmath.exp(pole * (later + t)) for t, sign in corners) / (pole**2 * width)
+    first, entries, rest = _pulses(pole, delay)
     one = 1 / z
     made = rest / (1 - cmath.exp(pole) * one)
     for entry in entries[::-1]:  # by Horner: powers of so many complex numbers take five times as long
         made = made * one + entry
     return np.asarray(made * one**first)
+
+
+def pair_transfer(pole: complex, residue: complex, delay: float, z: ComplexArray) -> ComplexArray:
+    """Of residue / (s - pole) and its conjugate, as `pulse_transfer`: together their numbers are real."""
+    first, entries, rest = _pulses(pole, delay)
+    one, decay, rest = 1 / z, cmath.exp(pole), residue * rest
+    made = 2 * (rest.real - (rest * decay.conjugate()).real * one)
+    made /= (1 - decay * one) * (1 - decay.conjugate() * one)
+    for entry in 2 * (residue * entries[::-1]).real:
+        made *= one
+        made += entry
+    return np.asarray(made * one**first)
+
+
+def _pulses(pole: complex, delay: float) -> tuple[int, ComplexArray, complex]:
+    """The first entry of the pulse response that is not 0, all up to where it decays, and the one from there on."""
+    width = averaged(delay)
+    end = 0.5 - delay + width / 2
+    corners = (end, 1.0), (end - 1, -1.0), (end - width, -1.0), (end - 1 - width, 1.0)
+    first, later = 1 - math.ceil(end), math.ceil(1 + width - end)
+    each = [sum(sign * _ramp(pole, n + t) for t, sign in corners) for n in range(first, later)]
+    entries = np.array(each, np.complex128) / width
+    rest = sum(sign * cmath.exp(pole * (later + t)) for t, sign in corners) / (pole**2 * width)
+    return first, entries, rest
 
 
 def _ramp(pole: complex, t: float) -> complex:
@@ -151,6 +172,16 @@ def small_hysteresis(f: FloatArray, numbers: tuple[float, float, float], last: f
     return np.asarray((1 + part / (1 + 1j * f / corner)) * power)
 
 
+class Solved(NamedTuple):
+    """The linear numbers at some nonlinear ones, with the inverse of the products of their rows."""
+
+    rows: FloatArray
+    linear: FloatArray
+    inverse: FloatArray
+    residual: FloatArray
+    basis: ComplexArray
+
+
 class Problem:
     """The fit of so many modes, with or without the lag of an amplifier."""
 
@@ -158,29 +189,50 @@ class Problem:
         self.s, self.modes, self.lag = spectra, modes, lag
         self.z = np.exp(2j * np.pi * spectra.frequency / spectra.sample_rate)
         self.weight = 1 / np.sqrt(spectra.variance + FLOOR**2 * np.abs(spectra.Y) ** 2)
-        self.target = spectra.Y * self.weight
+        self.target = (spectra.Y * self.weight).view(np.float64)
         t = np.arange(spectra.ticks) / spectra.ticks
         lines = np.round(spectra.frequency * spectra.ticks / spectra.sample_rate).astype(int)
         drifts = [t, t**2, np.log(t + 0.02)]  # slow: warming, creep after the ramp to the bias
         self.slow = np.array([np.fft.rfft(drift)[lines] for drift in drifts]).T
         self._mode, self._decays = lru_cache(KEPT * modes)(self._mode_of), lru_cache(KEPT * modes)(self._decays_of)
         self._around = lru_cache(KEPT)(self._around_of)
+        self._lagging = lru_cache(KEPT)(self._lagging_of)
+        self._solved: tuple[FloatArray, Solved] | None = None
 
     # Nonlinear numbers: log f, log zeta of each mode; delay (ticks), the relaxing part, log of its corner (Hz), creep;
     # log(lag / tick).
 
-    def solve(self, x: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray]:
-        """Weighted residual, the linear numbers, and the response to each of the static parts."""
-        basis = self.basis(x)
+    def solve(self, x: FloatArray) -> Solved:
+        """The linear numbers of least squares; made once for the last x, whose derivatives are asked for next."""
+        if self._solved is None or not np.array_equal(x, self._solved[0]):
+            basis = self.basis(x)
+            rows = self._rows(x, basis)
+            scale = np.sqrt(np.einsum("ik,ik->i", rows, rows))
+            unit = rows / scale[:, None]
+            inverse = np.linalg.inv(unit @ unit.T + 1e-12 * np.eye(scale.size)) / np.outer(scale, scale)
+            linear = inverse @ (rows @ self.target)
+            self._solved = x.copy(), Solved(rows, linear, inverse, self.target - linear @ rows, basis)
+        return self._solved[1]
+
+    def _rows(self, x: FloatArray, basis: ComplexArray) -> FloatArray:
+        """Weighted, of the linear numbers: the real and the imaginary part of each line are two equations."""
         rows = np.concatenate([(basis * self.s.U[:, None]).T, self.transients(x).T]) * self.weight
-        # The real and the imaginary part of each line are two equations. Sums of few rows: faster without threads.
-        numbers, target = rows.view(np.float64), self.target.view(np.float64)
-        scale = np.sqrt(np.einsum("ik,ik->i", numbers, numbers))
-        numbers /= scale[:, None]
-        gram = np.einsum("ik,jk->ij", numbers, numbers) + 1e-12 * np.eye(scale.size)
-        linear = np.linalg.solve(gram, np.einsum("ik,k->i", numbers, target))
-        rest = self.target - np.einsum("i,ik->k", linear, rows)
-        return _real(rest), linear / scale, basis
+        return rows.view(np.float64)
+
+    def jacobian(self, x: FloatArray, high: FloatArray) -> FloatArray:
+        """Derivatives of the residual, shape (equations, numbers), none of them made beyond `high`.
+
+        By variable projection (Golub and Pereyra 1973): with the rows R of the linear numbers c, and R' of a
+        difference in one number of x, that of the residual r = t - c R is -c R' + R^T (R R^T)^-1 (R (c R') - R' r).
+        """
+        at = self.solve(x)
+        moved, missed = np.empty((x.size, at.residual.size)), np.empty((x.size, at.linear.size))
+        for k, h in enumerate(STEP * np.maximum(1.0, np.abs(x))):
+            there = x.copy()
+            there[k] += h if x[k] + h <= high[k] else -h
+            change = (self._rows(there, self.basis(there)) - at.rows) / (there[k] - x[k])
+            moved[k], missed[k] = at.linear @ change, change @ at.residual
+        return np.asarray(at.rows.T @ (at.inverse @ (at.rows @ moved.T - missed.T)) - moved.T)
 
     def basis(self, x: FloatArray) -> ComplexArray:
         """Response of each mode with a share of 1, behind lag, delay, hysteresis and creep."""
@@ -197,17 +249,14 @@ class Problem:
         w2 = abs(pole) ** 2
         residue = w2 / (2j * pole.imag)
         if lag is None:
-            return self.pair(pole, residue, delay)
+            return pair_transfer(pole, residue, delay, self.z)
         fast = -math.exp(-lag)
         residue = residue * -fast / (pole - fast)
         alone = -fast * w2 / ((fast - pole) * (fast - pole.conjugate())).real
-        return np.asarray(self.pair(pole, residue, delay) + alone * pulse_transfer(complex(fast), delay, self.z))
+        return np.asarray(pair_transfer(pole, residue, delay, self.z) + alone * self._lagging(fast, delay))
 
-    def pair(self, pole: complex, residue: complex, delay: float) -> ComplexArray:
-        """A pole and its conjugate."""
-        one = pulse_transfer(pole, delay, self.z)
-        other = pulse_transfer(pole.conjugate(), delay, self.z)
-        return np.asarray(residue * one + np.conj(residue) * other)
+    def _lagging_of(self, fast: float, delay: float) -> ComplexArray:
+        return pulse_transfer(complex(fast), delay, self.z)
 
     def pole(self, frequency: float, damping: float) -> complex:
         """Of a mode, times the tick."""
@@ -240,20 +289,20 @@ class Problem:
             x, low, top = [*x, math.log(lag)], [*low, math.log(0.01)], [*top, math.log(rate / 10)]
             scale = [*scale, 0.2]
         found = least_squares(
-            lambda x: self.solve(x)[0], np.clip(x, low, top), bounds=(low, top), x_scale=scale, ftol=1e-6, xtol=1e-6,
-            max_nfev=EVALUATIONS,
+            lambda x: self.solve(x).residual, np.clip(x, low, top), lambda x: self.jacobian(x, np.array(top)),
+            bounds=(low, top), x_scale=scale, ftol=1e-6, xtol=1e-6, max_nfev=EVALUATIONS,
         )  # fmt: skip
         return self.fit(found.x, found.jac)
 
     def at(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Response, and spectrum without transients over that of the input, of a fit to other lines, um/V."""
-        _, linear, basis = self.solve(x)
+        linear, basis = self.solve(x).linear, self.solve(x).basis
         transients = self.transients(x) @ linear[self.modes :]
         return basis @ linear[: self.modes], (self.s.Y - transients) / self.s.U
 
     def fit(self, x: FloatArray, jacobian: FloatArray) -> Fit:
         """The numbers at a minimum, and their deviations."""
-        residual, linear, basis = self.solve(x)
+        residual, linear, basis = self.solve(x).residual, self.solve(x).linear, self.solve(x).basis
         parts, m = linear[: self.modes], self.modes
         gain = float(parts.sum())
         cost = float(residual @ residual)
@@ -282,10 +331,6 @@ class Problem:
             numbers=x.size + linear.size,
             x=x,
         )
-
-
-def _real(values: ComplexArray) -> FloatArray:
-    return np.concatenate([values.real, values.imag])
 
 
 def beside_a_lag(fit: Fit, made: Sequence[Fit]) -> Fit:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from truestroke.base.checks import SettingError
+from truestroke.base.threads import one_thread
 from truestroke.base.typing import FloatArray
-from truestroke.identification.fitting import coverage, modes, normal, zeros
+from truestroke.identification.fitting import coverage, modes, zeros
 from truestroke.identification.fitting.absorbed import absorbed
 from truestroke.identification.fitting.modes import ModeSearch
 from truestroke.identification.fitting.regression import ROWS, Data, Structure
@@ -90,7 +91,7 @@ def _refuse_still(data: Data) -> None:
         raise SettingError("record", sweep, "one that moves over its range more than once")
 
 
-@normal.one_thread
+@one_thread
 def time_constants(s: Series, coarse: Data | None = None, delay: float | None = None, certain: bool = True) -> Response:
     """Dead time and lag of all samples, or of those of `coarse`; of `identify`, without a model."""
     coarse = data_of(s, s.volts.size, CHOICE_ROWS) if coarse is None else coarse

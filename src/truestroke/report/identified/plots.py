@@ -17,6 +17,8 @@ from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.identified.view import View, binned
 from truestroke.report.style import LIGHT, Theme
 
+MANY = 14  # letters of the labels of a panel of weights: more would meet, and are turned
+
 
 def volt_unit(view: View) -> tuple[float, str]:
     """Factor and unit of voltages."""
@@ -152,7 +154,7 @@ def weights(view: View, theme: Theme = LIGHT) -> Figure:
         grid = figure.add_gridspec(2, 1)
         for k, row in enumerate((groups[:above], groups[above:])):
             widths = [
-                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.3 * len(group.heading))
+                max(1.6 + (0.7 if group.labels else 0.4) * len(group.members), 0.5 + 0.3 * len(group.heading))
                 for group in row
             ]
             parts = grid[k].subgridspec(1, len(row), width_ratios=widths)
@@ -210,7 +212,12 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xlabel(f"threshold ({unit})")
     else:
         x = np.arange(len(k), dtype=np.float64)
-        panel.set_xticks(x, group.labels, fontsize=7 if sum(map(len, group.labels)) > 8 else 8)
+        letters = sum(map(len, group.labels))
+        panel.set_xticks(x, group.labels, fontsize=7 if letters > 8 else 8)
+        if letters > MANY:
+            panel.tick_params("x", labelrotation=45)
+            for label in panel.get_xticklabels():
+                label.set(ha="right", rotation_mode="anchor")
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
     style.zero(panel, theme)

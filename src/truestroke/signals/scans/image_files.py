@@ -125,19 +125,22 @@ def read_images(path: str | Path) -> list[Image]:
     try:
         made = read(path)
     except (KeyError, ValueError, IndexError, TypeError, OSError, AssertionError) as error:
-        raise ImageError(f"{path}: the file is damaged, or no image ({' '.join(str(error).split())[:200]})") from error
+        reason = " ".join(str(error).split())[:200] or "it does not begin as one"
+        raise ImageError(
+            f"{path}: the file is damaged, or no image ({reason}): copy it again, or export it where it was recorded"
+        ) from error
     if not made:
         raise ImageError(f"{path}: there is no image in it")
     return made
 
 
-def require_library(path: Path) -> None:
-    """An error where the package for an ending is missing, or there is none."""
+def require_library(path: Path, argument: str = "path") -> None:
+    """An error where the package for the ending of what the argument names is missing, or there is none."""
     module = ENDINGS.get(path.suffix.lower())
     if module is None:
-        raise SettingError("path", str(path), f"a file that ends with {', '.join(ENDINGS)}")
+        raise SettingError(argument, str(path), f"a file that ends with {', '.join(ENDINGS)}")
     if module == "gsffile" and path.suffix != ".gsf":
-        raise SettingError("path", str(path), "a file that ends with .gsf, in small letters, as gsffile asks for")
+        raise SettingError(argument, str(path), "a file that ends with .gsf, in small letters, as gsffile asks for")
     try:
         importlib.import_module(module)
     except ModuleNotFoundError as error:

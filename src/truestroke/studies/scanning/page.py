@@ -52,7 +52,8 @@ def page(found: Scanned, command: str | None = None) -> Page:
     best = found.imaged["truestroke"].distortion
     rate, lines = (float(found.scan.settings[name]) for name in ("rate", "lead_in"))  # type: ignore[arg-type]
     first = " and ".join(f"{one.resonances[0]:g}" for one in found.stage.axes)
-    kinds = " and ".join(one.hysteresis_kind for one in found.stage.axes)
+    of_each = [one.hysteresis_kind for one in found.stage.axes]
+    kinds = " and ".join(kind if kind == "plays" else kind.title() for kind in of_each)  # Preisach, Bouc-Wen
     lead = (
         f"Two samples, scanned by a simulated XY stage at {rate:g} rows a second, {PIXELS} x {PIXELS} pixels: with "
         f"truestroke no pixel is more than {best.largest:.2g} pixels from its place."
