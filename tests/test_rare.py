@@ -330,6 +330,19 @@ def test_rows_that_are_missing_here_and_there_are_asked_about(
     assert asked(tmp_path / "a.csv") == ()  # the stamps know it
 
 
+@pytest.mark.parametrize("rows", [0, 10, 200])
+def test_an_end_that_was_not_recorded_is_asked_about(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path, rows: int
+) -> None:
+    """A buffer with 0 in both columns where nothing was written; the stamps are those of all rows."""
+    x, z = (signal.copy() for signal in good)
+    x[x.size - rows :] = z[z.size - rows :] = 0.0
+    reasons = asked(written(tmp_path, x, z))
+    assert [f"in the last {rows} rows: were they not recorded? Leave out" in each for each in reasons] == [True] * (
+        rows == 200
+    )
+
+
 def test_a_second_column_in_volts_is_said(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
     x, z = good
     table = np.column_stack([T, x / 10, x, z])
