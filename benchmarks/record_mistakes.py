@@ -208,6 +208,12 @@ def joined(r: Record) -> Planted:
     return {"volts (V)": r.volts[kept], "z (um)": r.displacement[kept]}, {"sample_rate": r.sample_rate}
 
 
+def thinned(r: Record) -> Planted:
+    """A tenth of the rows lost, each by itself, without time stamps"""
+    kept = np.random.default_rng(5).random(r.time.size) > 0.1
+    return {"volts (V)": r.volts[kept], "z (um)": r.displacement[kept]}, {"sample_rate": r.sample_rate}
+
+
 def doubled(r: Record) -> Planted:
     """A tenth of the rows, a block, written twice, without time stamps"""
     a, b = (round(share * r.time.size) for share in (0.3, 0.4))
@@ -315,6 +321,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     monitor,
     unstated,
     joined,
+    thinned,
     doubled,
     filled,
     multiplied,

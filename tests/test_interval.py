@@ -65,6 +65,22 @@ def test_an_interval_knows_that_one_sine_shows_no_inner_loops(seed):
     off, width = np.abs(z - found.model.predict(100 * v, fs)), found.model.interval(100 * v, fs)
     assert np.mean(off[t.size :] < width[t.size :]) > 0.9
     assert np.mean(off[: t.size] < width[: t.size]) < 0.98  # and of its own loop as many as before
+    assert 0.2 < found.model.explored.inner < 0.35
+
+
+def test_only_a_record_without_inner_loops_has_the_height_of_its_loop_in_the_interval():
+    """A motion of plays: on its own loop nothing changes; inside of it a share of the height, and no more."""
+    fs, t = 100.0, np.arange(400) / 100.0
+    sine, small = 1.5 - 1.5 * np.cos(2 * np.pi * t), 1.5 - 0.5 * np.cos(2 * np.pi * t)
+    known = model(noise=0.01)
+    v = np.gradient(known.strain(sine, fs)) * fs
+    been = spread(places(sine, v, known.voltage_range, known.velocity))
+    plain, one = (known.replace(explored=Explored(been, 0.0, inner)) for inner in (0.0, 0.2))
+    np.testing.assert_allclose(one.interval(sine, fs)[200:], plain.interval(sine, fs)[200:], rtol=0.05)
+    assert np.median(one.interval(small, fs)) > 5 * np.median(plain.interval(small, fs))
+    assert one.interval(small, fs).max() < 1.96 * 0.2 * 0.2 * known.stroke
+    with pytest.raises(SettingError, match="inner"):
+        Explored(been, 1.0, -0.1)
 
 
 def test_an_interval_grows_at_rest():
@@ -164,11 +180,11 @@ def test_what_an_inverse_costs_is_in_the_interval():
 
 def test_the_file_keeps_walk_drift_and_places(tmp_path):
     been = spread(places(wave(20.0, 1), wave(20.0, 2), (0.0, 3.0), 100.0))
-    known = model(walk=0.0123, drift=-4e-5, explored=Explored(been, 0.7))
+    known = model(walk=0.0123, drift=-4e-5, explored=Explored(been, 0.7, 0.3))
     save_model(tmp_path / "model.toml", known)
     again = load_model(tmp_path / "model.toml")
     assert (again.walk, again.drift) == (0.0123, -4e-5)
-    assert again.explored.growth == 0.7
+    assert (again.explored.growth, again.explored.inner) == (0.7, 0.3)
     np.testing.assert_array_equal(again.explored.places, been)
     text = (tmp_path / "model.toml").read_text()
     start, end = text.index("[explored]"), text.index("[metrics]")

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from truestroke import Recording
 from truestroke.base import files
-from truestroke.cli import main
+from truestroke.cli import identify, main
 from truestroke.cli.common import in_words_of, print_table
 from truestroke.signals.recording import Channel
 from truestroke.studies.study.config import example
@@ -93,6 +93,29 @@ def test_a_page_of_another_command_stays() -> None:
     files.check("run.html", files.page("report"))
     Path("old.html").write_text(head)
     files.check("old.html", files.page("identify"))
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "right"),
+    [
+        ("output", "model.h5", "a model is no .h5 file; call it model.toml"),
+        ("output", "a b.json", "a model is no .json file; call it a b.toml"),
+        ("report", "page.PDF", "a page of truestroke identify is no .PDF file; call it page.html"),
+    ],
+)
+def test_no_file_has_the_name_of_another_format(option: str, name: str, right: str) -> None:
+    """`identify --output model.h5` wrote TOML."""
+    record()
+    done = CliRunner().invoke(main, ["identify", "rec.csv", f"--{option}", name])
+    stated = f"truestroke: --{option} {name}: {right}. See: truestroke identify --help\n"
+    assert (done.exit_code, done.stderr) == (2, stated)
+    assert os.listdir() == ["rec.csv"]
+
+
+def test_models_of_any_other_name_have_pages_of_their_own() -> None:
+    """The page of stage.2 would have replaced that of stage.1; what is no format is a name."""
+    for name, page in (("stage.1", "stage.1.html"), ("stage.toml", "stage.html"), ("my stäge", "my stäge.html")):
+        assert identify._files(name, None) == (Path(name), Path(page))
 
 
 def recording(ticks: int, **metadata: object) -> Recording:

@@ -1,6 +1,7 @@
 """Records that are possible but rare make a model doubtful, each with its evidence; correct ones do not."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -313,3 +314,40 @@ def test_a_joint_beneath_the_noise_of_the_displacement() -> None:
     for rows, asked_of in ((kept, 1), (slice(None), 0)):
         found = examine(Record.from_arrays(100 * v[rows], z[rows], sample_rate=1e3))
         assert sum("two records joined" in text for text in found.implausible) == asked_of
+
+
+def test_rows_that_are_missing_here_and_there_are_asked_about(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path
+) -> None:
+    """A tenth of the rows without stamps of their own, at random or each tenth: both signals go twice as far there."""
+    x, z = good
+    some = np.random.default_rng(5).random(T.size) > 0.1
+    for kept in (some, np.arange(T.size) % 10 != 4):
+        (reason,) = asked(written(tmp_path, x[kept], z[kept]))
+        assert re.match(r"at \d+ places both signals go 2(\.1)? times as far", reason)
+    table = np.column_stack([T, x, z])[some]
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t (s),volts (V),z (um)", comments="", fmt="%.9g")
+    assert asked(tmp_path / "a.csv") == ()  # the stamps know it
+
+
+@pytest.mark.parametrize("rows", [0, 10, 200])
+def test_an_end_that_was_not_recorded_is_asked_about(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path, rows: int
+) -> None:
+    """A buffer with 0 in both columns where nothing was written; the stamps are those of all rows."""
+    x, z = (signal.copy() for signal in good)
+    x[x.size - rows :] = z[z.size - rows :] = 0.0
+    reasons = asked(written(tmp_path, x, z))
+    assert [f"in the last {rows} rows: were they not recorded? Leave out" in each for each in reasons] == [True] * (
+        rows == 200
+    )
+
+
+def test_a_second_column_in_volts_is_said(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
+    x, z = good
+    table = np.column_stack([T, x / 10, x, z])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t (s),Vin (V),Vout (V),z (um)", comments="")
+    says = "the voltage is the column 'Vin', and 'Vout' not in use: name the one"
+    for named, said in ((None, True), ("Vout", False)):
+        warnings = examine(read_record(tmp_path / "a.csv", volts=named)).warnings
+        assert any(warning.startswith(says) for warning in warnings) == said

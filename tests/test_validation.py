@@ -356,3 +356,15 @@ def test_a_record_of_one_stroke_length_and_a_contradiction(tmp_path) -> None:
     kept = load_model(tmp_path / "model.toml").provenance
     assert (kept["verdict"], kept["reason_1"]) == ("bad", "The record contradicts itself: the file says otherwise.")
     assert kept["reason_2"] == "The record contradicts itself: is it shifted?"
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.05, False), (0.33, True)])
+def test_a_zero_that_drifts_far_is_a_reason(share: float, said: bool) -> None:
+    """A third of the stroke in 20 s was good: the drift is fitted, but no prediction has it."""
+    drift = share * np.ptp(X) * np.linspace(0.0, 1.0, X.size)
+    measured = X + drift + NOISE
+    trace = Trace(T, X, measured, T >= 0.0, RATE, "", (), X + drift, 0 * X + 1, T >= 12.0)
+    findings = examine(Record.from_arrays(X, measured, sample_rate=RATE))
+    found = evidence(trace, (T, NOISE), np.array([1.0, 0.1]), findings, drift)
+    reasons = verdict(found, HeldOut(0.01, 0.03, 0.03, 0.1, 8000, 0.95), findings).reasons
+    assert any("The zero drifts by" in reason for reason in reasons) == said

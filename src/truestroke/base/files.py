@@ -37,10 +37,20 @@ class Kind:
         Such as "a model".
     ours : callable
         Whether the file of a path is one of this kind that truestroke wrote.
+    ending : str
+        What its name ends with, if it ends as a format does (`FORMATS`): ".toml"; "" for a kind of several formats.
     """
 
     words: str
     ours: Callable[[Path], bool]
+    ending: str = ""
+
+
+FORMATS = {
+    *(".toml", ".html", ".h5", ".hdf5", ".csv", ".npz", ".npy", ".mat", ".json", ".yaml", ".yml", ".pkl", ".pdf"),
+    *(".png", ".svg", ".xlsx", ".parquet", ".feather", ".tdms", ".sqlite", ".fmu", ".zip", ".c", ".py"),
+}
+"""Endings that say what a file is: another kind under such a name would be opened as what it is not."""
 
 
 # ---- What may be replaced ------------------------------------------------------------------------------------------
@@ -90,9 +100,9 @@ def _waveform_text(path: Path) -> bool:
 PICTURES = (b"Software\0truestroke", b"<dc:title>truestroke</dc:title>", b"/Creator (truestroke)")  # PNG, SVG, PDF
 WAVEFORM_HEADER = "time (s),volts (V),desired (um)"
 PASS_VOLTS, PASS_MEASURED = "pass {} x (V)", "pass {} z (um)"  # further columns of a waveform that `refine` made
-MODEL = Kind("a model", _begins(b'format = "truestroke model"'))
-DYNAMICS = Kind("dynamics", _begins(b'format = "truestroke dynamics"'))
-PAGE = Kind("a page", _begins(b'<meta name="generator" content="truestroke"'))
+MODEL = Kind("a model", _begins(b'format = "truestroke model"'), ".toml")
+DYNAMICS = Kind("dynamics", _begins(b'format = "truestroke dynamics"'), ".toml")
+PAGE = Kind("a page", _begins(b'<meta name="generator" content="truestroke"'), ".html")
 PICTURE = Kind("a picture", lambda path: any(mark in path.read_bytes() for mark in PICTURES))
 RUNS = {"track", "run", "report", "serve"}  # whose page is that of one recording
 STORE = Kind("a store of a study", _store)
@@ -124,7 +134,7 @@ def page(command: str) -> Kind:
         maker = made_by[1].decode() if made_by else command
         return PAGE.ours(path) and (maker == command or {maker, command} <= RUNS)
 
-    return Kind(f"a page of truestroke {command}", ours)
+    return Kind(f"a page of truestroke {command}", ours, PAGE.ending)
 
 
 @contextmanager
@@ -147,12 +157,22 @@ def check(path: str | os.PathLike[str], kind: Kind) -> Path:
 
     Raises
     ------
+    FileError
+        The name ends as that of another format.
     FileExistsError
         A file is there that truestroke did not write, or not as this kind, and `overwriting` does not permit it.
     OSError
         There is no folder, or the place is one, or it cannot be written.
+
+    Examples
+    --------
+    >>> check("model.h5", MODEL)
+    Traceback (most recent call last):
+    truestroke.FileError: model.h5: a model is no .h5 file; call it model.toml
     """
     path = Path(path)
+    if kind.ending and path.suffix.lower() in FORMATS - {kind.ending}:
+        raise FileError(f"{path}: {kind.words} is no {path.suffix} file; call it {path.with_suffix(kind.ending).name}")
     place = path.resolve() if path.is_symlink() and (path.is_file() or not path.exists()) else path
     _check_place(place, path)
     if place.is_file() and not _replacing.get() and place.stat().st_size and not kind.ours(place):

@@ -362,7 +362,10 @@ def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise click.ClickException(f"{option} {file}: cannot be written; choose another {option}.")
     _refuse_an_input(option, path)
-    files.check(path, kind)
+    try:
+        files.check(path, kind)
+    except files.FileError as error:
+        raise click.UsageError(f"{option} {error}.") from None
     return path
 
 

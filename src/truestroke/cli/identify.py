@@ -87,9 +87,8 @@ def _the_model_is_there(target: Path) -> Iterator[None]:
 def _files(output: str, report: str | None) -> tuple[Path, Path]:
     """Model and page; an error now rather than after the fit if they cannot be written."""
     target = common.to_write("--output", output, files.MODEL)
-    page_file = common.to_write(
-        "--report", target.with_suffix(".html") if report is None else report, files.page("identify")
-    )
+    beside = target.with_name(f"{target.name.removesuffix('.toml')}.html")  # of stage.2 not that of stage.1
+    page_file = common.to_write("--report", beside if report is None else report, files.page("identify"))
     if page_file == target:
         raise click.UsageError(f"--output {output}: the page would replace the model; call the model .toml.")
     return target, page_file

@@ -30,6 +30,9 @@ class Explored:
         record: see `places`.
     growth : float
         Standard deviation of the error for a unit of the distance, um.
+    inner : float
+        Of a record whose loops are of one family: the standard deviation of the error inside of the largest loop, over
+        the height of that loop at the voltage, 0 to 1; 0 where the record has inner loops of several kinds.
 
     Raises
     ------
@@ -39,6 +42,7 @@ class Explored:
 
     places: FloatArray
     growth: float
+    inner: float = 0.0
 
     def __post_init__(self) -> None:
         places = checks.finite_array("explored.places", self.places, ndim=2)
@@ -46,6 +50,7 @@ class Explored:
             raise SettingError("explored.places", f"array of shape {places.shape}", f"of shape (n, {len(PLAYS) + 2})")
         object.__setattr__(self, "places", places)
         object.__setattr__(self, "growth", checks.within("explored.growth", self.growth, 0.0, 1e9, "um"))
+        object.__setattr__(self, "inner", checks.within("explored.inner", self.inner, 0.0, 1.0))
 
     def distance(self, at: FloatArray) -> FloatArray:
         """Of places, shape (samples, 5), from the nearest of the record, shape (samples,)."""

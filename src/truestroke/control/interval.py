@@ -23,6 +23,10 @@ USUAL = 2.5  # standard deviations of the difference between branches and plays 
 CREEP = 0.01  # of the stroke in each decade of time: 0.01 to 0.02 in stacks (Jung and Gweon 2000)
 OF_LAG = 2.0  # deviations of the lag by which motion that is faster than the record may be late
 OF_RESPONSE = 0.15  # of 1 / (2 pi F): the same by a response that the record does not test
+INNER = 1.33  # of the loop's height at a voltage, and of its mean height over the stroke: the deviation inside of it
+WIDEST = 0.6  # of that height: the same at most
+INSIDE = 0.1  # of the voltage range: so far from the loop of the record motion is inside of it
+LOOP = 200  # samples of a stroke
 TRAVEL = 0.98  # of a record's travel is no faster than the speed that it shows: one step shows no speed
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
 
@@ -137,6 +141,47 @@ def of_speed(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> Flo
     return np.asarray(late * faster**2)
 
 
+def inner(model: ActuatorModel) -> float:
+    """`Explored.inner` of the model of a record with one family of loops: `INNER` of their mean height over the stroke.
+
+    What makes the largest loop wider than that of stacks makes inner loops less like it: friction, saturation.
+    """
+    low, high = model.voltage_range
+    return min(INNER * float(_height(model, np.linspace(low, high, LOOP)).mean()) / model.stroke, WIDEST)
+
+
+def of_inner_loops(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
+    """Variance of the error inside of the loop of a record that has no other, um^2, shape (samples,).
+
+    ::
+
+        (inner height min(d / INSIDE, 1))^2
+
+    height is how far the branches of the model's largest loop are apart at the voltage, um, d the distance from what
+    the record shows. Of actuators of another structure inner loops are somewhere within the largest one, and the record
+    does not say where.
+    """
+    if model.explored is None or not model.explored.inner or not volts.size:
+        return np.zeros_like(volts)
+    v = central_difference(model.strain(volts, sample_rate), sample_rate)
+    every = -(-volts.size // POINTS)
+    away = model.explored.distance(places(volts, v, model.voltage_range, model.velocity, every)) / INSIDE
+    inside = model.explored.inner * _height(model, volts[::every]) * np.minimum(away, 1.0)
+    return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), inside**2)
+
+
+def _height(model: ActuatorModel, volts: FloatArray) -> FloatArray:
+    """How far the branches of the model's largest loop are apart at these voltages, um; at the pace of the record.
+
+    What is late belongs to it: one loop does not separate it from hysteresis.
+    """
+    up, usual = np.linspace(*model.voltage_range, LOOP), model.usual_velocity or model.velocity
+    rate = LOOP * usual / model.stroke or 1.0
+    loop = model.strain(np.concatenate([up, up[::-1], up, up[::-1]]), rate)[2 * LOOP :]
+    late = 2 * (model.delay + model.time_constant) * usual
+    return np.asarray(np.abs(np.interp(volts, up, loop[LOOP:][::-1] - loop[:LOOP]) + late))
+
+
 def shown_velocity(velocity: FloatArray) -> float:
     """The speed that all but a fiftieth of a record's travel has at most, of its velocities, both um/s.
 
@@ -160,11 +205,13 @@ def half_width(
 ) -> FloatArray:
     """Of the 95 % interval, um, shape (samples,), with the variance of the zero, um^2.
 
-    The factor of the motion is that of cross-validation; `predicted` as of `apart`.
+    The factor of the motion is that of cross-validation; `predicted` as of `apart`. It is no less than that of inner
+    loops, where the record has none.
     """
     motion = model.coverage_factor**2 * of_motion(model, volts, sample_rate)
     more = apart(model, volts, sample_rate, predicted) + of_speed(model, volts, sample_rate)
-    return np.asarray(np.sqrt(motion + COVERED**2 * more + OF_ZERO**2 * zero))
+    least = COVERED**2 * of_inner_loops(model, volts, sample_rate)
+    return np.asarray(np.sqrt(np.maximum(motion + COVERED**2 * more + OF_ZERO**2 * zero, least)))
 
 
 def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:

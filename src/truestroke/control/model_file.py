@@ -137,6 +137,7 @@ def _explored(explored: Explored | None, prefix: str) -> list[str]:
         return []
     of = "voltage, voltage beyond three plays, velocity"
     lines = ["", f"[{prefix}explored] # by the record: growth, um; {of}", f"growth = {_toml(explored.growth)}"]
+    lines += [f"inner = {_toml(explored.inner)}"] if explored.inner else []
     return [*lines, "places = [", *[f"  {_toml(row)}," for row in explored.places], "]"]
 
 
@@ -255,6 +256,7 @@ class _Covariance:
 class _Explored:
     places: tuple[tuple[Any, ...], ...]
     growth: float
+    inner: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,7 +342,7 @@ def _of_places(table: _Explored | None) -> Explored | None:
         return None
     if len({len(row) for row in table.places}) > 1:
         raise SettingError("explored.places", "rows of unlike length", "rows of 5 numbers")
-    return Explored(np.array([_numbers(row) for row in table.places]), table.growth)
+    return Explored(np.array([_numbers(row) for row in table.places]), table.growth, table.inner)
 
 
 # ---- TOML ----------------------------------------------------------------------------------------------------------

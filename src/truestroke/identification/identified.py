@@ -173,6 +173,8 @@ def identify(
         if shown:
             shown(1, 2)
         final, tried, response = fit_samples(to_fit, taken.volts.size, known, fixed, before=part)
+    findings = examine(_examined(record, taken)) if findings is None else findings
+    part, final = (_of_one_family(fit) if findings.one_family else fit for fit in (part, final))
     of_model = part.model.predict(taken.volts, fs)
     width = _half_width(part.model, taken, train, of_model)
     predicted = of_model + part.drift(taken.volts.size)
@@ -182,8 +184,8 @@ def identify(
     trace = Trace(**vars(taken), predicted=predicted, half_width=width, held_out=last)
     test, residual = _held_out(trace, moved), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
-    findings = examine(_examined(record, taken)) if findings is None else findings
-    evidence = validation.evidence(trace, (taken.time[final.rows], residual), white[0], findings)
+    fit = taken.time[final.rows], residual
+    evidence = validation.evidence(trace, fit, white[0], findings, final.drift(taken.volts.size))
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)
@@ -227,6 +229,14 @@ def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
     rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
     zero = float(moved[np.abs(moved).argmax()])
     return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage, zero)
+
+
+def _of_one_family(fit: Fit) -> Fit:
+    """The fit to a record that does not show where inner loops are: the interval of its model knows it."""
+    if fit.model.explored is None:
+        return fit
+    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model))
+    return dataclasses.replace(fit, model=fit.model.replace(explored=explored))
 
 
 def _half_width(model: ActuatorModel, s: Series, train: int, predicted: FloatArray) -> FloatArray:

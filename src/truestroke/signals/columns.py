@@ -78,6 +78,8 @@ class Column:
         Whether the caller states the unit.
     other : str
         What the file states that is none of the units, such as mrad, where the caller states another one.
+    besides : tuple[str, ...]
+        Headings of further columns in a unit of this signal, where nobody named the one.
     """
 
     heading: str
@@ -86,6 +88,7 @@ class Column:
     of_file: str = field(default="", repr=False)
     asked: bool = field(default=False, repr=False)
     other: str = field(default="", repr=False)
+    besides: tuple[str, ...] = field(default=(), repr=False)
 
     def says(self, role: str, unit: str = "") -> str:
         """The argument that states the unit, or this unit; against a unit of the file, a scale does, or its heading.
@@ -136,7 +139,7 @@ def read_columns(
             number = "; a heading is looked for before a number" if table.names and table.names[index].isdigit() else ""
             raise RecordError(source, f"{_heading(table, index)} is named twice, for {role} and {both}{number}")
     chosen = {w.role: w for w in wanted if w.role in found}
-    columns = {role: _column(source, table, w, found[role]) for role, w in chosen.items()}
+    columns = {role: _column(source, table, w, found[role], set(found.values())) for role, w in chosen.items()}
     signals = dict(zip(chosen, table.read([found[role] for role in chosen], complete), strict=True))
     for role, column in columns.items():
         signal = signals[role]
@@ -196,7 +199,7 @@ def _heading(table: Table, index: int, begins: bool = False) -> str:
     return f"column {index + 1} {table.names[index]!r}{unit}{first}"
 
 
-def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
+def _column(source: str, table: Table, wanted: Wanted, index: int, taken: set[int]) -> Column:
     heading, stated = (table.names[index], table.units[index]) if table.names else (f"column {index + 1}", "")
     foreign = stated and stated not in wanted.units and (wanted.certain or is_unit(stated) or stated.lower() in OTHERS)
     if wanted.unit is None and foreign:
@@ -208,7 +211,10 @@ def _column(source: str, table: Table, wanted: Wanted, index: int) -> Column:
     known = used in wanted.units
     of_file = stated if is_unit(stated) else ""
     other = stated if foreign and stated.lower() in OTHERS else ""
-    return Column(heading, used if known else next(iter(wanted.units)), known, of_file, wanted.unit is not None, other)
+    free = () if wanted.key is not None else (i for i, u in enumerate(table.units) if u in wanted.units)
+    besides = tuple(table.names[i] for i in free if i not in taken)
+    read_in = used if known else next(iter(wanted.units))
+    return Column(heading, read_in, known, of_file, wanted.unit is not None, other, besides)
 
 
 def refuse_bad_rows(source: str, signals: Mapping[str, FloatArray], table: Table, remedy: str = "") -> None:

@@ -11,7 +11,7 @@ from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.faults import repeated
-from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings, count
+from truestroke.identification.examination.findings import PACE, VISITED, Findings, count
 from truestroke.identification.examination.mistakes import mistakes, ringing
 from truestroke.identification.examination.rare import implausible
 from truestroke.identification.records import turning
@@ -266,7 +266,12 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
     says = []
     if assumed := [f"{c.heading} in {c.unit}" for c in record.columns.values() if not c.stated]:
         says.append(f"the units are not stated and assumed: {', '.join(assumed)}")
-    moved = record.columns["displacement"]
+    moved, volts = record.columns["displacement"], record.columns["volts"]
+    if volts.besides:
+        says.append(
+            f"the voltage is the column {volts.heading!r}, and {', '.join(map(repr, volts.besides))} not in use: name "
+            "the one that a controller or a waveform is to put out (`volts`)"
+        )
     if moved.other:
         says.append(
             f"{moved.heading!r} is in {moved.other}, and um are what the scale makes of it; with a scale of 1, um "
@@ -344,10 +349,10 @@ def _of_content(found: Findings) -> list[str]:
         elif found.stroke_durations_s[1] < PACE * found.stroke_durations_s[0]:
             same = f"all strokes take about as long ({found.stroke_durations_s[1]:.3g} s)"
             says.append(f"{same}: speed is not distinguished from length, nor rate dependence from a wider hysteresis")
-        short, long = found.stroke_lengths_percent
-        if long < 1.5 * short:
+        if found.one_length:
+            long = found.stroke_lengths_percent[1]
             says.append(f"all strokes are about as long ({long:.0f} % of the span): inner loops are not tested")
-        elif found.stroke_places is not None and found.stroke_places < ALONG:
+        elif found.one_family:
             says.append("strokes of one length are at one voltage: inner loops elsewhere are not tested")
         if found.volts_visited_percent < VISITED:
             says.append(

@@ -8,6 +8,7 @@ from truestroke.base.display import figures
 
 ALONG = 0.28  # of `Findings.stroke_places`: below, inner loops are of one family; random waves have 0.3 to 1.1
 PACE = 1.3  # of `Findings.stroke_durations_s`, the longest over the shortest: below, speed is that of the length
+ALIKE = 1.5  # of `Findings.stroke_lengths_percent`, the longest over the shortest: below, there are no inner loops
 VISITED = 50.0  # of `Findings.volts_visited_percent`: below, the voltage is at few levels; other motion has 70 to 100
 
 
@@ -128,6 +129,17 @@ class Findings:
             return ""
         (low, high), share = self.volts_mostly_v, self.volts_visited_percent
         return f"most of the motion is at {low:.4g} to {high:.4g} V, {share:.0f} % of the voltage's span"
+
+    @property
+    def one_length(self) -> bool:
+        """Whether all strokes are about as long: the record has no inner loops."""
+        short, long = self.stroke_lengths_percent
+        return long < ALIKE * short
+
+    @property
+    def one_family(self) -> bool:
+        """Whether it has none, or inner loops at one voltage for each of their lengths."""
+        return self.one_length or (self.stroke_places is not None and self.stroke_places < ALONG)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists and dicts, the types of JSON."""

@@ -30,6 +30,12 @@ SURE = 5.0  # deviations of the noise of the displacement
 SHARE = 0.4, 1.6  # of the voltage's jump times the gain: of the displacement in the same row
 SORTED = 0.005  # of the stroke: noise of rows that alternate between the ways up and down
 FEW_JOINTS = 4  # a motion that jumps more often is meant to
+EVEN = 0.2  # of a step: so far the two before and behind it differ from their mean, where the voltage is smooth
+MISSING, MOST_MISSING = 1.7, 30.0  # times these: a step over a row that is missing, and over many
+FEWEST_LOST, LOST = 6, 0.002  # such steps, and of the even ones
+RARELY = 0.33  # as many between 1 and 2 times: of a motion that is sampled too rarely there are as many and more
+ALIKE = 0.25  # of its factor: so far that of the displacement differs, and its deviation at most
+UNFILLED = 20  # rows: by a sensor whose noise is more than its steps not so many are 0 to the last digit
 
 
 def rewritten(record: Record, found: Findings) -> Iterator[str]:
@@ -39,8 +45,9 @@ def rewritten(record: Record, found: Findings) -> Iterator[str]:
     if repeated(record.displacement) == 1:
         if found.noise_um > COPIED * step:
             yield from _of_blocks(record)
+            yield from _of_an_end(record)
         yield from _of_lines(record, step)
-    yield from _of_joints(record, found)
+    yield from [*_of_joints(record, found)] or _of_lost_rows(record, found)
     yield from _of_order(record, found)
 
 
@@ -178,6 +185,53 @@ def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float, by
     low, high = SHARE
     goes_on = min(abs(x[before].mean()), abs(x[behind].mean())) > slow
     return bool(goes_on and low < z[k] / (gain * x[k]) < high)
+
+
+def _of_lost_rows(record: Record, found: Findings) -> Iterator[str]:
+    """Single steps of a smooth motion are twice as long as those beside them, and more, in both signals.
+
+    Examples
+    --------
+    >>> from truestroke.identification import examine
+    >>> kept = np.arange(3000) % 10 != 7
+    >>> x = 5 - 5 * np.cos(np.arange(3000)[kept] / 50.0)
+    >>> record = Record.from_arrays(x, x**1.1, sample_rate=1000.0)
+    >>> next(_of_lost_rows(record, examine(record)))[:74]
+    'at 251 places both signals go 2 times as far in one row as in those beside'
+    """
+    step, z = np.diff(record.volts), np.diff(record.displacement)
+    beside = np.array([np.roll(step, shift) for shift in (2, 1, -1, -2)])
+    usual = beside.mean(axis=0)
+    even = np.abs(beside - usual).max(axis=0) < EVEN * np.abs(usual)
+    even &= np.abs(usual) > CLEAR * noise(record.volts, record.segments)
+    even &= np.diff(record.time) < MISSING / record.sample_rate
+    even[:BESIDE] = even[-BESIDE:] = False
+    longer = np.divide(step, usual, out=np.ones_like(step), where=even)
+    lost = np.flatnonzero((longer > MISSING) & (longer < MOST_MISSING))
+    between = np.count_nonzero((longer > (1 + MISSING) / 2) & (longer <= MISSING))
+    if lost.size < max(FEWEST_LOST, LOST * np.count_nonzero(even)) or between > RARELY * lost.size:
+        return
+    way = np.sign(step[lost])
+    moved = float(np.mean([way * z[lost + k] for k in (-2, -1, 1, 2)]))
+    factor, of_moved = float(longer[lost].mean()), float(np.mean(way * z[lost]) / moved)
+    unsure = found.noise_um * math.sqrt(2 / lost.size) / abs(moved)
+    if max(abs(of_moved - factor), unsure) < ALIKE * factor:
+        yield (
+            f"at {lost.size} places both signals go {factor:.2g} times as far in one row as in those beside it: are "
+            "rows missing? Record with time stamps"
+        )
+
+
+def _of_an_end(record: Record) -> Iterator[str]:
+    """Both signals are at once 0 and stay there, to the last digit, beneath the noise of the sensor too."""
+    measured = np.flatnonzero((record.volts != 0) | (record.displacement != 0))
+    rows = record.time.size - 1 - int(measured[-1])
+    last = (abs(signal[measured[-1]]) / np.ptp(signal) for signal in (record.volts, record.displacement))
+    if rows >= UNFILLED and max(last) > JOINT:
+        yield (
+            f"both signals are 0 to the last digit in the last {rows} rows: were they not recorded? Leave out what is "
+            f"behind {record.time[measured[-1]]:.4g} s"
+        )
 
 
 def _of_order(record: Record, found: Findings) -> Iterator[str]:

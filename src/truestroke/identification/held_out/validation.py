@@ -12,7 +12,7 @@ import numpy as np
 from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
-from truestroke.identification.examination.findings import ALONG, PACE, VISITED, Findings
+from truestroke.identification.examination.findings import PACE, VISITED, Findings
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
@@ -47,12 +47,12 @@ TESTED = 0.5  # of the length of the record's strokes, in the held-out part: bel
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
 FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
+DRIFTED = 10.0  # % of peak-to-peak within a record: a zero that drifts further is not there where it was
 DEAD_TIME, DEAD_ROWS = 0.005, 8.0  # s, and rows: more is that of a shifted or buffered channel
 LINES = 10.0  # of the record's spectrum: a narrower mode decays less than 30 times in it, which hardly show its damping
 FEW_STROKES = 6
 OF_LOOP = 0.3, 1.0  # of the mean width of the loop: errors on loops that the record has not, by plays; by branches
 LEFT = 0.25  # of that width without the delay: with less the two are not distinguished
-ALIKE = 1.5  # the longest strokes over the shortest: below, inner loops are not tested
 ROWS = 20_000  # of the held-out part at most, evenly taken
 KNOTS = 8  # of the functions of voltage and velocity
 THRESHOLDS = (0.04, 0.08, 0.14, 0.22, 0.32, 0.44)  # of the voltage span: plays that stand for the history
@@ -87,6 +87,8 @@ class Evidence:
         Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
     jump_um, jump_s : float
         By how much the residual of the fit jumps at once, um, and the time from which on; 0 where it does not.
+    drift_percent : float
+        How far the zero drifts within the record, by the fit to all of it, % of peak-to-peak.
     residual_percent : float
         Rms residual of the fit to the whole record, % of peak-to-peak.
     strokes_tested : float
@@ -112,6 +114,7 @@ class Evidence:
     line_hz: float
     jump_um: float
     jump_s: float
+    drift_percent: float
     residual_percent: float
     strokes_tested: float
     range_beyond: float
@@ -123,9 +126,16 @@ class Evidence:
 
 
 def evidence(
-    trace: Trace, fit: tuple[FloatArray, FloatArray], autocorrelation: FloatArray, findings: Findings
+    trace: Trace,
+    fit: tuple[FloatArray, FloatArray],
+    autocorrelation: FloatArray,
+    findings: Findings,
+    drift: FloatArray | float = 0.0,
 ) -> Evidence:
-    """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um."""
+    """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um.
+
+    `drift` is that of the zero by this fit, um.
+    """
     times, residual = fit
     fitted, tested = trace.known & ~trace.held_out, trace.judged
     settled = fitted & (trace.time - trace.time[0] >= min(findings.states_known_s, 0.25 * np.ptp(trace.time)))
@@ -148,6 +158,7 @@ def evidence(
         **_line(trace, tested),
         jump_um=0.0 if jumped is None else jumped.size,
         jump_s=0.0 if jumped is None else float(times[jumped.row]),
+        drift_percent=100 * float(np.ptp(drift)) / float(np.ptp(trace.displacement)),
         residual_percent=100 * rms(residual) / float(np.ptp(trace.displacement)),
         strokes_tested=_over(_long(trace.volts[tested]), _long(trace.volts[trace.known])),
         **_beyond(trace, fitted, tested),
@@ -327,6 +338,12 @@ def _of_zero(found: Evidence, held_out: HeldOut) -> Iterator[tuple[Level, str]]:
             f"From {found.jump_s:.4g} s on the displacement is at once {moved}: did the zero of the sensor jump, or "
             "the mount slip? Use the rows before or after.",
         )
+    if found.drift_percent > DRIFTED and not held_out.zero_um:
+        yield (
+            "doubtful",
+            f"The zero drifts by {found.drift_percent:.0f} % of peak-to-peak within the record, as the displacement "
+            "does beside its motion: the model does not predict it. Record warmed up, or measure the zero before use.",
+        )
     if held_out.zero_um:
         moved = f"{abs(held_out.zero_um):.3g} um {'above' if held_out.zero_um > 0 else 'below'} that before"
         yield "doubtful", f"Behind a long gap the zero is {moved}; the errors are without it. Measure it on each day."
@@ -459,7 +476,7 @@ def _matters(findings: Findings, branches: bool) -> bool:
 
 def _of_excitation(findings: Findings, branches: bool) -> Iterator[tuple[Level, str]]:
     """What the record could not show, however small the error."""
-    short, long = findings.stroke_lengths_percent
+    long = findings.stroke_lengths_percent[1]
     quick, slow = findings.stroke_durations_s
     if findings.strokes < 2:
         yield (
@@ -469,13 +486,13 @@ def _of_excitation(findings: Findings, branches: bool) -> Iterator[tuple[Level, 
         )
     elif findings.strokes < FEW_STROKES:
         yield "doubtful", f"The record has {findings.strokes} strokes: record at least {FEW_STROKES}."
-    elif long < ALIKE * short:
+    elif findings.one_length:
         yield (
             "doubtful",
             f"All strokes are about as long ({long:.0f} % of the span): for other motion the model is untested. Record "
             "strokes of many lengths, such as a random wave.",
         )
-    elif _matters(findings, branches) and findings.stroke_places is not None and findings.stroke_places < ALONG:
+    elif findings.one_family and _matters(findings, branches):
         yield (
             "doubtful",
             "Strokes of one length are all at one voltage, as of a motion that grows, decays, or always comes back to "

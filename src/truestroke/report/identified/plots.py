@@ -216,8 +216,8 @@ def _bars(panel: Axes, view: View, group: _Group, theme: Theme) -> None:
         panel.set_xticks(x, group.labels, fontsize=7 if letters > 8 else 8)
         if letters > MANY:
             panel.tick_params("x", labelrotation=45)
-            for label in panel.get_xticklabels():
-                label.set(ha="right", rotation_mode="anchor")
+            for tick in panel.get_xticklabels():
+                tick.set(ha="right", rotation_mode="anchor")
         panel.set_xlim(-0.6, len(k) - 0.4)
         panel.set_xlabel(group.below)
     style.zero(panel, theme)
