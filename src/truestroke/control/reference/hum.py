@@ -105,9 +105,7 @@ class Hum:
     turn: list[list[float]] = field(default_factory=lambda: [[1.0, 0.0] for _ in range(LINES)])
     sine: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um: amplitudes
     heard: list[Load] = field(default_factory=list)  # loads that nobody has named
-    refused: list[tuple[float, float]] = field(
-        default_factory=list
-    )  # 1/s, s: those that were dropped, and for how long
+    refused: list[tuple[float, float]] = field(default_factory=list)  # 1/s and s: of lines that were dropped, how long
     over: list[float] = field(default_factory=lambda: [0.0] * LINES)  # s: at that bound, without a break
     ears: list[Ear] = field(default_factory=lambda: [Ear() for _ in range(EARS)])
     unexplained: Unexplained = field(default_factory=Unexplained)
