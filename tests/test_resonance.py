@@ -64,6 +64,19 @@ def test_a_stage_on_trial_makes_way_for_one_that_is_far_from_it() -> None:
     assert rms < 0.5
 
 
+@pytest.mark.parametrize(("number", "before"), [(800, 32.7), (1021, 27.1)])
+def test_noise_of_the_sensor_does_not_move_the_resonance(number: int, before: float) -> None:
+    """30 nm at 5 kHz: it was found 7 % and 4 % too high."""
+    lines, _ = axes.errors(number, None, True, True, None)
+    assert lines < before / 2
+
+
+def test_a_stage_that_misses_more_than_the_law_is_not_put_into_the_model() -> None:
+    """214 Hz on a stage of 512 Hz that was followed within 0.2 %: 137 %."""
+    _, largest = given_resonance.errors((41, 166), 0.0)
+    assert largest < 2
+
+
 def test_noise_is_no_stage_that_rings() -> None:
     """A slow axis of 20 kHz had a stage of 4.6 kHz after 3.4 s, from three windows of noise alone: 1.6 um."""
     _, slow = axes.errors(751, None, True, True, None)
@@ -432,6 +445,8 @@ def followed_alike(settings: StageSettings, wave: Trajectory) -> tuple[AdaptiveC
         kernel.adapt(z)
         text.adapt(z)
         error.append(plant.truth[-1] - motion[0])
+    tried, beside = kernel.state()["candidate"], text._state.candidate
+    assert [beside.strain, beside.worse, beside.product, beside.own.second] == tried[[6, -1, 10, -2]].tolist()
     return kernel, np.array(error)
 
 
@@ -456,7 +471,7 @@ def test_a_ringing_of_less_than_a_thousandth_is_enough() -> None:
     """In kernel and NumPy text alike, after 0.25 s: without it 15 nm of these lines stay."""
     wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=0.6, sample_rate=10_000.0)
     kernel, _ = followed_alike(stage(935.0, dampings=(0.024,), noise=0.01, sample_rate=10_000.0), wave)
-    assert kernel.resonance == pytest.approx(935.0, rel=0.04)
+    assert kernel.resonance == pytest.approx(935.0, rel=0.05)
 
 
 def test_a_window_points_to_the_next_one() -> None:

@@ -14,6 +14,7 @@
 #include "../src/dynamics.c"
 #include "../src/hum.c"
 #include "../src/command.c"
+#include "../src/candidate.c"
 #include "../src/found.c"
 #include "../src/ringing.c"
 #include "../src/learned.c"

@@ -579,7 +579,8 @@ typedef struct {
 /* ---- The first resonance from what is measured anyway ---------------------------------------------------------------- */
 
 #define TS_SHOWN 7                    /* plays that stand for the hysteresis */
-#define TS_RESONANCE (TS_SHOWN + 4)
+#define TS_MEASURED 4                 /* three derivatives of the measurement, and itself */
+#define TS_RESONANCE (TS_SHOWN + TS_MEASURED)
 #define TS_LOWEST_RESONANCE 40       /* Hz: where the search for it ends */
 #define TS_MOST_POINTED 3 /* windows that point elsewhere, between two that show a resonance, or in a search */
 #define TS_HIGHEST_RESONANCE ((ts_real)0.4) /* cycles per tick: a higher one is not seen */
@@ -598,6 +599,9 @@ typedef struct {
     ts_real state[TS_SHOWN + 1][4];   /* of both filters */
     ts_real last_filter, last[TS_SHOWN + 3]; /* a pole behind them, and what it holds */
     ts_real sum[TS_PACKED(TS_RESONANCE)]; /* of products, packed: plays, three derivatives of the measurement, and itself */
+    ts_real of_noise[TS_PACKED(TS_MEASURED)]; /* the same of what is measured, for each sample of white noise of 1 um */
+    ts_real impulse[4], last_impulse[3]; /* of both filters and the pole, for that */
+    ts_real before[4], fourth;        /* um: measurements before this one, less the first; sum of magnitudes of their fourth difference */
     ts_real speed, change;            /* um/s: sums of |zdot_d| and of |its change in a tick| */
     ts_real error;                    /* um^2: sum of squares */
     ts_real load, load_at;            /* um, cycles per tick: amplitude and frequency of a load; 0: none is seen */
@@ -624,8 +628,19 @@ typedef struct {
     ts_real burst;                    /* um^2: mean square of an error for which the estimate makes haste; 0: for none */
     ts_real loudest;                  /* um^2: mean square of an error from which on a tone is no load, */
     ts_real least;                    /* and below which nothing is shown */
+    ts_real noise;                    /* um^2: mean square of the noise of a measurement, at most */
     const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
 } ts_search;
+
+/* A stage that is shown, before it is in the model: what it would have missed in a window of the estimate, beside what the law misses. */
+typedef struct {
+    ts_real frequency;                /* cycles per tick; 0: there is none */
+    ts_real section[4], direct;       /* of its dynamics */
+    ts_real strain, made[2];          /* um: of the tick before; what the section made of it then, and before that */
+    ts_real ticks, product;           /* so far; sum of what it misses times the velocity, */
+    ts_real missed[2], speed[2], own[2]; /* sums of what it misses, of the velocity, and of what the law misses, and of their squares */
+    ts_real worse;                    /* cycles per tick: one that missed much more than the law in the last window; 0: none did */
+} ts_candidate;
 
 /* One tick: plays (V) and measurement (um), error (um), desired rate (um/s) and its change. Returns whether a window has ended that
  * adds to what is known. In a burst 20 periods are enough, and one of a low centre ends at once. tick: s. */
@@ -801,6 +816,7 @@ typedef struct {
     ts_oscillation oscillation;       /* Kalman */
     ts_stage stage;                   /* Kalman */
     ts_resonance resonance;           /* Kalman */
+    ts_candidate candidate;           /* Kalman */
     ts_real shown[TS_SHOWN];          /* V: of the plays in the tick before, for it, */
     ts_real rate;                     /* um/s: and zdot_d */
     ts_guard guard;                   /* Kalman */

@@ -116,8 +116,13 @@ TS_API ts_real ts_notched(ts_controller *c, ts_real z);
 TS_API ts_real ts_quiet(const ts_controller *c, ts_real innovation);
 TS_API void ts_pass_stage(ts_controller *c, ts_real *u);
 
+/* candidate.c */
+TS_API void ts_candidate_tick(ts_controller *c, ts_real z, ts_real zdot_d);
+TS_API void ts_candidate_end(ts_controller *c);
+
 /* found.c */
 TS_API void ts_lead_of_dead_time(int dead, ts_real *first, ts_real *second, ts_real *third, ts_real *fourth);
+TS_API void ts_make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead);
 TS_API void ts_adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest);
 TS_API void ts_begin_anew(ts_controller *c);
 TS_API void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing);

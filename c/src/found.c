@@ -21,6 +21,7 @@
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
 #define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much */
+#define TRIED ((ts_real)0.1)      /* of a stage that missed more than the law: what is shown so near to it is it */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define SEEN ((ts_real)4e-3)      /* of the motion's range: a smaller error of what is good shows no other resonance */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
@@ -97,7 +98,7 @@ static void step_of_mode(ts_real w, ts_real *integral, ts_real *step, ts_real *r
 
 /* The dynamics of one mode of this frequency, cycles per tick, behind so many ticks of dead time: the exact response to a command
  * that is held in each tick, as a mean over each tick. */
-static void make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead)
+void ts_make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead)
 {
     ts_real w = 2 * TS_PI * frequency, w0 = w / tick, integral, step, rate;
     step_of_mode(w, &integral, &step, &rate);
@@ -198,7 +199,7 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     bool again = c->found.known;
     if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
     int dead = dead_time(c, frequency, again ? c->found.dead : 1);
-    make_dynamics(&c->found, frequency, s->oscillation.tick, dead);
+    ts_make_dynamics(&c->found, frequency, s->oscillation.tick, dead);
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
@@ -375,8 +376,10 @@ static bool matters(const ts_controller *c)
         return away * away > least * least && r->power > large * large && r->driven > DRIVEN_ALONE;
     }
     ts_real least = noisy(c), large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
+    bool fast = r->motion > SLOWEST * r->known, worse = size_of(c->candidate.worse / r->known - 1) < TRIED;
+    if (fast && worse && !bursts) return false;
     if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
-    if (r->motion > SLOWEST * r->known && r->power > least) return true;
+    if (fast && r->power > least) return true;
     ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard);
     return !c->stage.failed && ts_resonance_ringing(r) > rings * rings;
 }
@@ -464,10 +467,14 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
         .burst = staged ? 0 : burst_of(c),
         .loudest = loudest_load(c, whole),
         .least = ts_power_of_hum(c),
+        .noise = c->law.kalman.sigma * c->law.kalman.sigma,
         .expected = ends && expected_of_plays(c, expected) ? expected : NULL,
     };
+    bool unknown = !staged && !is_given(c);
+    if (unknown) ts_candidate_tick(c, z, d->zdot_d);
     bool known = ts_resonance_tick(r, s->oscillation.tick, x, error, d->zdot_d, d->zdot_d - c->rate, &search);
     c->rate = d->zdot_d;
+    if (unknown && r->ticks == 0) ts_candidate_end(c);
     if (r->ticks == 0) c->law.kalman.load = r->load > 0 ? LOAD_COUNTS * ts_kalman_noise_of_sine(&c->law.kalman, r->load, r->load_at) : 0;
     bool assumes = s->resonance > 0 && !dynamics_of(c)->known && !c->stage.failed && !ts_is_identified(c) && may_have_stage(c);
     if (!assumes && (!known || !matters(c))) return;

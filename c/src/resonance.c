@@ -32,6 +32,9 @@
 #define LEAST ((ts_real)0.005)      /* the smallest error of an estimate, over it */
 #define LEAST_IN_BURST ((ts_real)0.01) /* that of one that need not be near its centre, in a burst */
 #define WALK ((ts_real)0.002)       /* how far the resonance moves in a window */
+#define OF_FOURTH ((ts_real)6.675)   /* mean magnitude of the fourth difference of white noise, over its standard deviation */
+#define HALVINGS 12                 /* of the noise of a measurement, until what is measured has it, */
+#define CORRECTED ((ts_real)0.5)    /* and of how far that moves the resonance: what counts as an error */
 #define JUMPS 3                     /* standard deviations of a difference */
 #define MOST_WINDOWS 1000           /* that are counted */
 #define EXPECTED ((ts_real)0.1)     /* of the gain of all plays: how far a weight is from the one that is expected, */
@@ -39,9 +42,10 @@
 #define SAME ((ts_real)0.05)        /* of what a load shows: what is known so near to it was of the load, too */
 #define STANDS ((ts_real)0.1)       /* of a resonance that is shown so, or about its centre: where fewer plays move it further there is none */
 
-/* Largest standard deviation of an estimate, over it, and of one about its centre, and how many of these its error is. */
+/* Largest standard deviation of an estimate, over it, and of one about its centre, how many of these its error is, and the noise of
+ * a measurement, um^2. */
 typedef struct {
-    ts_real sure, about, trust;
+    ts_real sure, about, trust, noise;
 } ts_confidence;
 
 /* What a window shows. */
@@ -122,31 +126,56 @@ static void begin_band(ts_resonance *r, ts_real tick, const ts_real *x)
     memset(r->state, 0, sizeof r->state);
     memset(r->last, 0, sizeof r->last);
     memset(r->sum, 0, sizeof r->sum);
-    r->speed = r->change = r->error = 0;
+    memset(r->before, 0, sizeof r->before);
+    memset(r->of_noise, 0, sizeof r->of_noise);
+    memset(r->impulse, 0, sizeof r->impulse);
+    memset(r->last_impulse, 0, sizeof r->last_impulse);
+    r->speed = r->change = r->error = r->fourth = 0;
     ts_tone_begin(&r->tone, r->centre);
+}
+
+/* What is measured behind the band: its derivatives, and itself. */
+static void pass_measurement(const ts_resonance *r, ts_real *state, ts_real *last, ts_real x, ts_real *v)
+{
+    ts_real band, low, high;
+    pass_two(r->motion_filter, state, x, &band, &low);
+    high = x - SHARP * band - low;
+    pass_two(r->noise_filter, state + 2, high, &band, &low);
+    ts_real second = high - ROUND * band - low;
+    v[0] = pass_one(r->last_filter, &last[0], band);
+    v[1] = pass_one(r->last_filter, &last[1], second);
+    v[2] = second - v[1];
+    v[3] = pass_one(r->last_filter, &last[2], low);
+}
+
+/* What noise makes of the products: those of the response to a single sample, which is over when the band has settled. */
+static void count_noise(ts_resonance *r)
+{
+    ts_real v[TS_MEASURED], *sum = r->of_noise;
+    pass_measurement(r, r->impulse, r->last_impulse, r->ticks == 0 ? 1 : 0, v);
+    for (int i = 0; i < TS_MEASURED; i++)
+        for (int j = 0; j <= i; j++) *sum++ += v[i] * v[j];
 }
 
 static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
 {
     ts_real v[TS_RESONANCE] = {0};
-    for (int i = 0; i <= TS_SHOWN; i++) {
+    for (int i = 0; i < TS_SHOWN; i++) {
         ts_real band, low, high, *state = r->state[i];
         pass_two(r->motion_filter, state, x[i] - r->first[i], &band, &low);
         high = x[i] - r->first[i] - SHARP * band - low;
         pass_two(r->noise_filter, state + 2, high, &band, &low);
-        if (i < TS_SHOWN) {
-            v[i] = low;
-            continue;
-        }
-        v[BAND] = band;
-        v[HIGH] = high - ROUND * band - low;
-        v[LOW] = low;
+        v[i] = pass_one(r->last_filter, &r->last[i], low);
     }
-    ts_real second = v[HIGH];
-    for (int i = 0; i < THIRD; i++) v[i] = pass_one(r->last_filter, &r->last[i], v[i]);
-    v[THIRD] = second - v[HIGH];
-    v[LOW] = pass_one(r->last_filter, &r->last[THIRD], v[LOW]);
-    if (r->ticks < r->settling) return;
+    ts_real z = x[TS_SHOWN] - r->first[TS_SHOWN], *before = r->before;
+    ts_real fourth = z - 4 * before[0] + 6 * before[1] - 4 * before[2] + before[3];
+    memmove(before + 1, before, 3 * sizeof *before);
+    before[0] = z;
+    pass_measurement(r, r->state[TS_SHOWN], r->last + TS_SHOWN, z, v + BAND);
+    if (r->ticks < r->settling) {
+        count_noise(r);
+        return;
+    }
     ts_real *sum = r->sum;
     TS_UNROLLED_WHOLE
     for (int i = 0; i <= LOW; i++) {
@@ -154,6 +183,7 @@ static void count_tick(ts_resonance *r, const ts_real *x, ts_real error)
         for (int j = 0; j <= i; j++) *sum++ += v[i] * v[j];
     }
     r->error += error * error;
+    r->fourth += size_of(fourth);
 }
 
 /* Eliminates the unknowns from `begin` to before `end`; returns whether all of them could be. */
@@ -237,6 +267,31 @@ static bool solve(ts_real (*N)[TS_RESONANCE], ts_real *c)
     return c[1] > 0;
 }
 
+/* The coefficients c without so much noise of a measurement, um^2, in the products N; false: they have less. */
+static bool solve_without(const ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real noise, ts_real *c)
+{
+    ts_real M[TS_RESONANCE][TS_RESONANCE] = {{0}}, all = noise * (ts_real)r->window;
+    const ts_real *of_noise = r->of_noise;
+    for (int i = BAND; i <= LOW; i++)
+        for (int j = BAND; j <= i; j++) M[i][j] = N[i][j] - all * *of_noise++;
+    return solve(M, c) && M[LOW][LOW] > 0;
+}
+
+/* The same without noise of a measurement, which behind the band is like ringing at its centre: the more of it, the nearer to that is
+ * the estimate. No more than `most`, um^2, or the residual `left` shows, and half of what the products can have: near that the
+ * coefficients are anything. */
+static bool without_noise(const ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real most, ts_real left, ts_real *c)
+{
+    const ts_real v[TS_MEASURED] = {c[0], c[1], c[2], 1}, *of_noise = r->of_noise;
+    ts_real of_one = 0, seen = r->fourth / (OF_FOURTH * (ts_real)r->window), noise = seen * seen < most ? seen * seen : most;
+    for (int i = 0; i < TS_MEASURED; i++)
+        for (int j = 0; j <= i; j++) of_one += (ts_real)(j < i ? 2 : 1) * (v[i] * v[j]) * *of_noise++;
+    of_one *= (ts_real)r->window;
+    if (left < noise * of_one) noise = left / of_one;
+    for (int i = 0; i < HALVINGS && !solve_without(r, N, noise, c); i++) noise /= 2;
+    return solve_without(r, N, noise / 2, c);
+}
+
 /* How far the resonance moves, over it, where the hysteresis is that of fewer plays, which N is without; at most 1. */
 static ts_real sensitivity_of(ts_real (*N)[TS_RESONANCE], ts_real ratio)
 {
@@ -251,14 +306,32 @@ static bool is_about(const ts_resonance *r, ts_real frequency)
     return r->centre < AGREE * frequency && frequency < AGREE * r->centre;
 }
 
+/* The resonance of (centre / f0)^2, of their tangents, cycles per tick. */
+static ts_real resonance_of(const ts_resonance *r, ts_real ratio)
+{
+    return ts_arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
+}
+
+/* Resonance and lag as these coefficients have them, where it is one of the search. Returns its change, as far as it is an error. */
+static ts_real correct(const ts_resonance *r, const ts_real *c, ts_real lowest, ts_real *f0, ts_real *lag)
+{
+    ts_real derivative[3], t = 0, ratio = without_lag(c, &t, derivative), f = ratio > 0 ? resonance_of(r, ratio) : 0;
+    if (!(f > lowest && f < TS_HIGHEST_RESONANCE)) return 0;
+    ts_real change = CORRECTED * (f / *f0 - 1);
+    *f0 = f;
+    *lag = t;
+    return change;
+}
+
 /* What sums of products show. */
 static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real lowest, ts_confidence as)
 {
     ts_window w = {0};
-    ts_real fewer[TS_RESONANCE][TS_RESONANCE], c[3], derivative[3] = {0};
+    ts_real fewer[TS_RESONANCE][TS_RESONANCE], measured[TS_RESONANCE][TS_RESONANCE], c[3], derivative[3] = {0};
     if (!eliminate(N, 0, COARSE)) return w;
     for (int i = BAND; i <= LOW; i++) memcpy(fewer[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
     if (!eliminate(N, COARSE, BAND)) return w;
+    for (int i = BAND; i <= LOW; i++) memcpy(measured[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
     ts_real plays = N[LOW][LOW];
     bool solved = solve(N, c);
     w.left = N[LOW][LOW];
@@ -271,8 +344,9 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     ts_real of_ratio = w.left > 0 ? w.left * spread / (ts_real)r->window : 0;
     ts_real doubtful = 2 * POINTS * ratio;
     if (!(of_ratio < doubtful * doubtful)) return w;
-    ts_real f0 = ts_arctangent(ts_tangent(TS_PI * r->centre) / root_of(ratio)) / TS_PI;
+    ts_real f0 = resonance_of(r, ratio), corrected = 0;
     if (!(f0 > lowest && f0 < TS_HIGHEST_RESONANCE)) return w;
+    if (without_noise(r, measured, as.noise, w.left, c)) corrected = correct(r, c, lowest, &f0, &w.lag);
     w.points = f0;
     w.sensitivity = sensitivity_of(fewer, ratio);
     ts_real share = share_of_plays(r, w.left);
@@ -280,7 +354,7 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     ts_real deviation = 2 * (stands ? as.about : as.sure) * ratio;
     if (!(of_ratio < deviation * deviation)) return w;
     w.lag = dead_time_of(w.lag / (2 * ts_tangent(TS_PI * r->centre)), 2 * TS_PI * f0);
-    w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio);
+    w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio) + corrected * corrected;
     r->driven = share;
     if (f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
     return w;
@@ -290,7 +364,8 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
 static ts_window shown_window(ts_resonance *r, ts_real lowest, const ts_search *search)
 {
     bool first = search->burst > 0 && r->speed > 0;
-    const ts_confidence of_free = {SHOWN_WITHIN, first ? ABOUT : SHOWN_WITHIN, 5}, of_expected = {EXPECTED_WITHIN, first ? ABOUT : EXPECTED_WITHIN, 3};
+    const ts_confidence of_free = {SHOWN_WITHIN, first ? ABOUT : SHOWN_WITHIN, 5, search->noise};
+    const ts_confidence of_expected = {EXPECTED_WITHIN, first ? ABOUT : EXPECTED_WITHIN, 3, search->noise};
     const ts_real *expected = search->expected;
     ts_real N[TS_RESONANCE][TS_RESONANCE];
     sums_with_ridge(r, N);

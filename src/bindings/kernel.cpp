@@ -217,6 +217,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("tone_ticks", &v.tone.block, 5);
     visit("resonance_plays", &c.shown[0], TS_SHOWN);
     visit("resonance_rate", &c.rate, 1);
+    visit("candidate", &c.candidate.frequency, sizeof c.candidate / sizeof(ts_real));
     visit("guard", &c.guard.low, (offsetof(ts_guard, ticks) - offsetof(ts_guard, low)) / sizeof(ts_real));
     visit("guard_windows", &c.guard.ticks, (offsetof(ts_guard, kept) - offsetof(ts_guard, ticks)) / sizeof(int));
     visit("guard_found", &c.guard.kept, (offsetof(ts_guard, lost) - offsetof(ts_guard, kept)) / sizeof(bool) + 1);
@@ -343,6 +344,7 @@ void check_resonance(const ts_controller &c) {
     bool sought = r.known == 0 || r.known >= static_cast<ts_real>(0.99) * lowest_resonance(c);
     bool good = sought && r.centre >= 0 && r.centre < 1 && r.known >= 0 && r.known < 1 && r.variance >= 0 && r.swept >= 0 && r.swept < 1 && r.motion >= 0 && r.power >= 0 && r.speed >= 0 && r.change >= 0 && r.error >= 0 && r.load >= 0 && r.load_at >= 0 && r.load_at < 1 && (r.load == 0 || r.load_at > 0);
     for (int i = 0; i < TS_RESONANCE; i++) good = good && r.sum[TS_PACKED(i) + i] >= 0;
+    for (int i = 0; i < TS_MEASURED; i++) good = good && r.of_noise[TS_PACKED(i) + i] >= 0;
     require_all("resonance_search", good, "frequencies that are looked for, and sums of squares of 0 or more");
     check_tone("tone", "tone_ticks", r.tone, r.ticks > 0);
     bool begun = r.ticks == 0 || (r.centre > 0 && r.window > 0 && r.ticks < r.settling + r.window);

@@ -47,6 +47,9 @@ STANDS = 0.1  # of a resonance that is shown so, or about its centre: where fewe
 LEAST = 0.005  # the smallest error of an estimate, over it
 LEAST_IN_BURST = 0.01  # that of one that need not be near its centre, in a burst
 WALK = 0.002  # how far the resonance moves in a window
+OF_FOURTH = 6.675  # mean magnitude of the fourth difference of white noise, over its standard deviation
+HALVINGS = 12  # of the noise of a measurement, until what is measured has it,
+CORRECTED = 0.5  # and of how far that moves the resonance: what counts as an error
 JUMPS = 3  # standard deviations of a difference
 MOST = 1000  # windows that are counted
 
@@ -54,6 +57,9 @@ MOST = 1000  # windows that are counted
 def shown(play: FloatArray) -> FloatArray:
     """The play states that stand for the hysteresis, shape (7,), V."""
     return play[[(i * (play.size - 1) + (SHOWN - 1) // 2) // (SHOWN - 1) for i in range(SHOWN)]]
+
+
+_Coefficients = tuple[float, float, float]
 
 
 class _Window(NamedTuple):
@@ -75,7 +81,7 @@ class _Filter:
         self.a = 1 / (1 + g * (g + k))
         self.b = g * self.a
         self.c = g * self.b
-        self.first, self.second = np.zeros(SHOWN + 1), np.zeros(SHOWN + 1)
+        self.first, self.second = np.zeros(SHOWN + 2), np.zeros(SHOWN + 2)
 
     def update(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Band and low pass; the high pass is x - k band - low."""
@@ -235,7 +241,7 @@ class ResonanceEstimator:
         highest: float = HIGHEST,
         burst: float = 0.0,
         expected: FloatArray | None = None,
-        powers: tuple[float, float] = (0.0, math.inf),
+        powers: tuple[float, float, float] = (0.0, math.inf, 0.0),
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
@@ -258,7 +264,8 @@ class ResonanceEstimator:
         expected : ndarray, shape (7,), optional
             Weights of the plays, um/V; they are read in the tick that `ends` the window.
         powers : tuple of float
-            Mean squares of an error, um^2: below the first nothing is shown, from the second on a tone is no load.
+            Mean squares, um^2: of an error below which nothing is shown; of one from which on a tone is no load; of the
+            noise of a measurement, at most.
         """
         if self._begins_to_burst(tick, error, burst):
             self.centre, self.ticks, self._pointed = SEARCH_FROM, 0, 0
@@ -302,23 +309,33 @@ class ResonanceEstimator:
         self._settling = int(min(SETTLED_IN / self.centre, LONGEST))
         self._window = int(min(max(WINDOW / self.centre, SHORTEST / tick), LONGEST))
         self._motion_filter, self._noise_filter = _Filter(PASSES * self.centre, SHARP), _Filter(self.centre, ROUND)
-        self._pole = _Pole(self.centre, SHOWN + 3)
+        self._pole = _Pole(self.centre, SHOWN + 6)
         self._first, self._sum = x, np.zeros((LOW + 1, LOW + 1))
-        self._speed = self._change = self._error = 0.0
+        self._of_noise = np.zeros((4, 4))  # products of what is measured, for each sample of white noise of 1 um
+        self._speed = self._change = self._error = self._fourth = 0.0
+        self._before = [0.0] * 4  # measurements, less the first
         self._tone = ToneDetector(self.centre)
 
     def _count(self, x: FloatArray, error: float) -> None:
-        x = x - self._first
+        x = np.append(x - self._first, 1.0 if self.ticks == 0 else 0.0)  # and a single sample
+        z, before = float(x[SHOWN]), self._before
+        fourth = z - 4 * before[0] + 6 * before[1] - 4 * before[2] + before[3]
+        self._before = [z, *before[:3]]
         band, low = self._motion_filter.update(x)
         high = x - SHARP * band - low
         band, low = self._noise_filter.update(high)
-        above = float(high[SHOWN] - ROUND * band[SHOWN] - low[SHOWN])
-        passed = self._pole.update(np.array([*low[:SHOWN], band[SHOWN], above, low[SHOWN]]))
-        if self.ticks < self._settling:
+        above = (high - ROUND * band - low)[SHOWN:]
+        passed = self._pole.update(np.concatenate([low[:SHOWN], band[SHOWN:], above, low[SHOWN:]]))
+        plays, measured = passed[:SHOWN], passed[SHOWN:].reshape(3, 2)
+        first, second, itself = measured
+        of_both = np.array([first, second, above - second, itself])
+        if self.ticks < self._settling:  # what noise makes of the products is over when the band has settled
+            self._of_noise = self._of_noise + np.outer(of_both[:, 1], of_both[:, 1])
             return
-        v = np.array([*passed[: SHOWN + 2], above - passed[HIGH], passed[-1]])
+        v = np.append(plays, of_both[:, 0])
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
+        self._fourth += abs(fourth)
 
     def _end(
         self,
@@ -327,12 +344,12 @@ class ResonanceEstimator:
         highest: float,
         burst: float,
         expected: FloatArray | None,
-        powers: tuple[float, float],
+        powers: tuple[float, float, float],
     ) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
         lowest = self.lowest(tick)
-        window = self._shown(lowest, expected, burst > 0 and self._speed > 0)
+        window = self._shown(lowest, expected, burst > 0 and self._speed > 0, powers[2])
         if window.f0 > 0:
             fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
@@ -414,34 +431,37 @@ class ResonanceEstimator:
             N[i][i] += left / (self._window * (spread * spread))
         return N
 
-    def _shown(self, lowest: float, expected: FloatArray | None, first: bool) -> _Window:
+    def _shown(self, lowest: float, expected: FloatArray | None, first: bool, noise: float) -> _Window:
         """What the window shows with plays that are free, or else with those that are expected.
 
         Where something moves and no stage is in the model, `first`, an estimate about the centre may be less certain.
         """
-        of_plays = self._shown_by(self._sums(), lowest, SURE, ABOUT if first else SURE, TRUST)
+        of_plays = self._shown_by(self._sums(), lowest, SURE, ABOUT if first else SURE, TRUST, noise)
         if of_plays.f0 > 0 or expected is None or not of_plays.left > 0:
             return of_plays
         N = self._sums_with_expected(expected, of_plays.left)
         about = ABOUT if first else SURE_EXPECTED
-        window = self._shown_by(N, lowest, SURE_EXPECTED, about, TRUST_EXPECTED)
+        window = self._shown_by(N, lowest, SURE_EXPECTED, about, TRUST_EXPECTED, noise)
         f0 = 0.0 if window.sensitivity > STANDS else window.f0
         return window._replace(f0=f0, points=of_plays.points)
 
-    def _shown_by(self, N: list[list[float]], lowest: float, sure: float, about: float, trust: float) -> _Window:
+    def _shown_by(
+        self, N: list[list[float]], lowest: float, sure: float, about: float, trust: float, noise: float
+    ) -> _Window:
         """What sums of products show."""
         if not _eliminate(N, 0, COARSE):
             return _Window()
         fewer = [list(row) for row in N]
         if not _eliminate(N, COARSE, BAND):
             return _Window()
+        measured = [list(row) for row in N]
         plays = N[LOW][LOW]
-        first, second, third = _solved(N)
+        c = _solved(N)
         left = N[LOW][LOW]
         nothing = _Window(left=left)
-        if not second > 0:
+        if not c[1] > 0:
             return nothing
-        ratio, lag, derivative = _without_lag(first, second, third)  # (centre / f0)^2, of their tangents
+        ratio, lag, derivative = _without_lag(*c)  # (centre / f0)^2, of their tangents
         if not (ratio > 0 and left < SHOWS * plays):
             return nothing
         y0 = derivative[0]
@@ -452,9 +472,10 @@ class ResonanceEstimator:
         doubtful = 2 * POINTS * ratio
         if not of_ratio < doubtful * doubtful:
             return nothing
-        f0 = arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
+        f0 = self._frequency(ratio)
         if not lowest < f0 < HIGHEST:
             return nothing
+        f0, lag, corrected = self._corrected(self._without_noise(measured, noise, left, c), lowest, f0, lag)
         sensitivity = _sensitivity(fewer, ratio)
         share = self._share_of_plays(left)
         stands = self._is_about(f0) and not sensitivity > STANDS and share > EXPLAIN
@@ -464,8 +485,50 @@ class ResonanceEstimator:
         lag = _dead_time(lag / (2 * tangent(math.pi * self.centre)), 2 * math.pi * f0)
         self.driven = share
         within = NEAREST * self.centre < f0 < FURTHEST * self.centre
-        variance = trust * trust * of_ratio / (4 * ratio * ratio)
+        variance = trust * trust * of_ratio / (4 * ratio * ratio) + corrected * corrected
         return _Window(f0 if within else 0.0, variance, lag, sensitivity, left, f0)
+
+    def _frequency(self, ratio: float) -> float:
+        """The resonance of (centre / f0)^2, of their tangents, cycles per tick."""
+        return arctangent(tangent(math.pi * self.centre) / math.sqrt(ratio)) / math.pi
+
+    def _corrected(self, c: _Coefficients | None, lowest: float, f0: float, lag: float) -> tuple[float, float, float]:
+        """Resonance and lag as these coefficients have them, where it is one of the search; how wrong f0 may be."""
+        ratio, t, _ = _without_lag(*c) if c else (0.0, 0.0, None)
+        f = self._frequency(ratio) if ratio > 0 else 0.0
+        if not lowest < f < HIGHEST:
+            return f0, lag, 0.0
+        return f, t, CORRECTED * (f / f0 - 1)
+
+    def _without_noise(self, N: list[list[float]], most: float, left: float, c: _Coefficients) -> _Coefficients | None:
+        """Coefficients without noise of a measurement; None: there are none.
+
+        Noise is like ringing at the centre behind the band: the more of it, the nearer to that is the estimate. It is
+        no more than `most`, um^2, or the residual shows, and half of what the products can have: near that the
+        coefficients are anything.
+        """
+        v, of_one, seen = (*c, 1.0), 0.0, self._fourth / (OF_FOURTH * self._window)
+        noise = min(seen * seen, most)
+        for i in range(4):
+            for j in range(i + 1):
+                of_one += (2 if j < i else 1) * (v[i] * v[j]) * float(self._of_noise[i, j])
+        of_one *= self._window
+        if left < noise * of_one:
+            noise = left / of_one
+        for _ in range(HALVINGS):
+            if self._solved_without(N, noise):
+                break
+            noise /= 2
+        return self._solved_without(N, noise / 2)
+
+    def _solved_without(self, N: list[list[float]], noise: float) -> _Coefficients | None:
+        """Coefficients without so much noise of a measurement, um^2, in the products N; None: they have less."""
+        M, every = [list(row) for row in N], noise * self._window
+        for i in range(4):
+            for j in range(i + 1):
+                M[BAND + i][BAND + j] -= every * float(self._of_noise[i, j])
+        c = _solved(M)
+        return c if c[1] > 0 and M[LOW][LOW] > 0 else None
 
     def _share_of_plays(self, left: float) -> float:
         """How much smaller `left` is than the residual of an equation without plays, that of ringing alone."""
@@ -491,7 +554,7 @@ class ResonanceEstimator:
         self._strange = far and not self._strange
 
 
-def _solved(N: list[list[float]]) -> tuple[float, float, float]:
+def _solved(N: list[list[float]]) -> _Coefficients:
     """Coefficients of the derivatives, behind the plays, which are eliminated; 0 where they cannot be, or show none."""
     if not _eliminate(N, BAND, LOW):
         return 0.0, 0.0, 0.0

@@ -129,7 +129,7 @@ def export_c(
     >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = export_c(controller, folder, precision="single")
-    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 13_900
+    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 14_100
     (26, True)
     """
     if precision is not None:

@@ -8,11 +8,13 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST, FilteringLaw
 from truestroke.control.angles import tangent
 from truestroke.control.guard import FIRST_WAIT
+from truestroke.control.reference import candidate
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.hum import power_of_hum
 from truestroke.control.reference.state import HISTORY, Growth, State
 from truestroke.control.resonance import HIGHEST, SHOWN, shown
 from truestroke.control.stage import MOST_DEAD, Stage, found
+from truestroke.model.operators import dot
 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
 FOUND_FILTER = 0.6  # of a stage that was found by its oscillation: corner of the law's filter over its resonance,
@@ -33,6 +35,7 @@ FIRST_HOLD = 4  # blocks of the first hold of weights that had the least error
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much
+TRIED = 0.1  # of a stage that missed more than the law: what is shown so near to it is it
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 SEEN = 4e-3  # of the motion's range: a smaller error of what is good shows no other resonance
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
@@ -358,9 +361,12 @@ def matters(c: State) -> bool:
         large = DOUBT * guard.range
         return away * away > least * least and known.power > large * large and known.driven > DRIVEN_ALONE
     least, large = noisy(c, law), DOUBT * c.kept.guard.range
+    fast, worse = known.motion > SLOWEST * known.known, abs(c.candidate.worse / known.known - 1) < TRIED
+    if fast and worse and not bursts:
+        return False
     if stage.failed and c.kept.guard.kept:  # one that was found was worse than none
         least = max(least, large * large)
-    if known.motion > SLOWEST * known.known and known.power > least:
+    if fast and known.power > least:
         return True
     rings = SHAKEN * c.kept.guard.range
     return not stage.failed and known.ringing > rings * rings
@@ -428,6 +434,23 @@ def loudest_load(c: State) -> float:
     return LOUD * LOUD * (whole * whole) if c.is_given else LARGEST * LARGEST
 
 
+def try_candidate(c: State, z: float, zdot_d: float) -> None:
+    """One tick of a law without a stage in its model, with what it has learned.
+
+    The strain is that of all terms but lag and inertia, which the stage has.
+    """
+    s, weights = c.settings, c.law.weights
+    expected = strain = float(dot(weights, c.u))
+    for term in ("lag", "inertia"):
+        for place in range(s.parameters)[s.columns[term]]:
+            strain -= float(weights[place] * c.u[place])
+    if c.estimator.ticks == 0 or not c.candidate.frequency > 0:
+        c.candidate = candidate.begun(c.estimator.known, c.oscillation.tick, strain, c.candidate.strain)
+    if c.candidate.frequency > 0:
+        c.candidate.count(z, zdot_d, strain, z - expected)
+    c.candidate.strain = strain
+
+
 def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage | None) -> None:
     """One tick of the estimate: the plays of a tick before the measurement, which is about its dead time."""
     law, tick = c.filtering, c.oscillation.tick
@@ -445,9 +468,14 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     most, burst = guard.range * guard.range, burst_of(c) if path is None else 0.0
     ends = path is None and c.estimator.ends(noisy(c, law), most)  # with a stage in the model weights may go with it
     expected = expected_of_plays(c) if ends else None
-    motion, powers = (zdot_d, zdot_d - c.rate), (power_of_hum(c), loudest_load(c))
+    motion, powers = (zdot_d, zdot_d - c.rate), (power_of_hum(c), loudest_load(c), law.sigma * law.sigma)
+    unknown = path is None and not c.is_given
+    if unknown:
+        try_candidate(c, z, zdot_d)
     known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers)
     c.rate = zdot_d
+    if unknown and c.estimator.ticks == 0:
+        c.candidate.end()
     if c.estimator.ticks == 0:
         load = c.estimator.load
         law.load = LOAD_COUNTS * law.noise_of_sine(load, c.estimator.load_at) if load > 0 else 0.0

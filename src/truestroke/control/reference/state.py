@@ -11,6 +11,7 @@ from truestroke.control.adaptation import RLS, BoundedKalman, FilteringLaw, Kalm
 from truestroke.control.controller import Counters
 from truestroke.control.guard import FirstGain, Guard, GuardSettings, Recall
 from truestroke.control.oscillation import OscillationDetector, OscillationSettings
+from truestroke.control.reference.candidate import Candidate
 from truestroke.control.reference.hum import Hum
 from truestroke.control.resonance import SHOWN, ResonanceEstimator
 from truestroke.control.sensor import Sensor
@@ -215,6 +216,7 @@ class State:
         self.oscillating = self.restored = False
         self.ringing = Ringing()
         self.estimator, self.shown, self.rate = ResonanceEstimator(), np.zeros(SHOWN), 0.0
+        self.candidate = Candidate()
         self.stage = FirstResonance(OscillationDetector(self.oscillation), self.law.weights, self.law.weights)
 
     def count(self, **kinds: bool) -> None:
