@@ -146,6 +146,15 @@ def test_gaps_are_counted_and_no_stroke_is_read_into_them() -> None:
     assert says(result, "1 gap, the longest 0.401 s")
 
 
+def test_a_gap_of_a_day_is_no_stroke_of_a_day() -> None:
+    """What nine tenths of the time are spent in is what was measured: lengths and speeds are not those of the gap."""
+    t, x, z = actuator(several)
+    later = np.where(t < 3.2, t, t + 86_400.0)
+    as_one, of_two_days = found(t, x, z), found(later, x, z)
+    assert of_two_days.stroke_lengths_percent == as_one.stroke_lengths_percent
+    assert not says(of_two_days, "all strokes")
+
+
 # ---- Bad records -----------------------------------------------------------------------------------------------------
 
 

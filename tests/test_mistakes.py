@@ -420,6 +420,14 @@ def test_the_remedy_for_a_unit_of_the_file_that_is_wrong_is_one_that_is_taken(
     assert "if the file is wrong, give --displacement-scale 0.001 in its place" in against.stderr
 
 
+def test_hours_under_a_heading_of_s_are_refused() -> None:
+    """The stamps begin at 0, as most do: they are no dates of a spreadsheet."""
+    t = np.arange(4000) / 1e4
+    x = 50 - 50 * np.cos(2 * np.pi * 5 * t)
+    found = examine(Record.from_arrays(x, 0.3 * x**1.1, time=t / 3600))
+    assert "are they in min, h or days" in found.mistakes[0]
+
+
 def _in_bursts(stamped: bool) -> Record:
     """Ten rows in 0.5 ms, each 10 ms: stamped so when a buffer was read, or measured so."""
     k, even = np.arange(4000), 1e-3 * np.arange(4000)

@@ -191,16 +191,17 @@ def _rates(record: Record, noise: float) -> tuple[float, float, float]:
 
 
 def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, float], ...]:
-    """5 and 95 % of speeds, um/s, lengths, % of span, and durations, s, of the strokes, weighted by their time.
+    """5 and 95 % of speeds, um/s, lengths, % of span, and durations, s, of the strokes, weighted by their rows.
 
-    The first and the last one are parts of longer ones: without them lengths and durations, where that leaves some.
+    A gap of a day in a stroke is no motion for a day. The first and the last one are parts of longer ones: without
+    them lengths and durations, where that leaves some.
     """
-    seconds = np.diff(record.time[turns])
+    seconds, rows = np.diff(record.time[turns]), np.diff(turns).astype(np.float64)
     speeds = np.abs(np.diff(record.displacement[turns])) / seconds
     lengths = 100 * np.abs(np.diff(record.volts[turns])) / span
     whole = slice(1, -1) if seconds.size >= FEW_PARTS else slice(None)
-    of_whole = (_weighted(values[whole], seconds[whole]) for values in (lengths, seconds))
-    return _weighted(speeds, seconds), *of_whole
+    of_whole = (_weighted(values[whole], rows[whole]) for values in (lengths, seconds))
+    return _weighted(speeds, rows), *of_whole
 
 
 def _places(turns: FloatArray) -> float | None:

@@ -136,7 +136,7 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
 
 def _of_spreadsheet(record: Record) -> bool:
     """Whether stamps are of one day by the count of spreadsheets, from 1900 on, of the years 1980 to 2100."""
-    return DAYS[0] < record.time[0] and record.time[-1] < DAYS[1] and float(np.ptp(record.time)) < 1.0
+    return bool(DAYS[0] < record.time[0] and record.time[-1] < DAYS[1] and float(np.ptp(record.time)) < 1.0)
 
 
 def _of_reading(record: Record) -> Iterator[str]:
