@@ -89,6 +89,7 @@ def examine(record: Record) -> Findings:
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
         clipped_volts=clipped_volts(x, z, noise(x, record.segments), level)[0],
+        rows_per_value=repeated(z),
     )
     findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))
     findings = dataclasses.replace(findings, implausible=implausible(record, findings))
@@ -314,7 +315,7 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they are not fitted")
     if found.clipped_volts:
         says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
-    if (every := repeated(record.displacement)) > 1:
+    if (every := found.rows_per_value) > 1:
         new = f"the displacement has a new value in every {_ordinal(every)} row only"
         says.append(f"{new}: the sensor is slower than the record, and {every} rows are one measurement")
     if found.jitter_us is None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.examination.faults import repeated
+from truestroke.identification.examination.faults import held, repeated
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.examination.unrecorded import of_ends, of_volts
 from truestroke.identification.records.record import Record
@@ -134,7 +134,14 @@ def _of_lines(record: Record, step: float) -> Iterator[str]:
     inside = (z[flats[:, 0]] > z.min()) & (z[flats[:, 0]] < z.max())  # at the ends of the range it is clipped
     filled = flats[inside & (flats[:, 1] - flats[:, 0] >= least)]
     drawn = float(flat[moves].mean()) if moves.mean() > DRAWN else 0.0
-    if drawn > max(DRAWN, 2 * by_chance):
+    each = held(z)
+    if drawn > max(DRAWN, 2 * by_chance) and each > 1.0:
+        yield (
+            f"the displacement keeps each of its values for {each:.3g} rows on average, while the voltage moves: is "
+            "the sensor, or the way to the recorder, slower than the record? Record at its rate, or leave out the rows "
+            "that repeat a value"
+        )
+    elif drawn > max(DRAWN, 2 * by_chance):
         rows = round(1 / max(1 - drawn, 1 / z.size))
         yield (
             f"the displacement is on straight lines of {rows} rows each: were rows put "
