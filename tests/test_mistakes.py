@@ -39,6 +39,7 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
         "A tenth of the rows lost, each by itself, without time stamps": 1,  # steps, which have none beside them
         "The displacement by a clock that is 3 in 1000 slower": 1,  # of ten strokes
         "Only rows in which the voltage rises, without time stamps": 1,  # steps, which one row has
+        "The voltage is written as 0 V in the last tenth of the rows": 1,  # steps, one of which is 0 V
     }
 
 
