@@ -281,6 +281,12 @@ def percent(r: Record) -> Planted:
     return {"time (s)": r.time, "volts (%)": x, "z (%)": z}, {}
 
 
+def voltage_lost(r: Record) -> Planted:
+    """The voltage is written as 0 V in the last tenth of the rows"""
+    recorded = np.arange(r.time.size) < 0.9 * r.time.size
+    return named(r.time, r.volts * recorded, r.displacement), {}
+
+
 def named(time: np.ndarray, volts: np.ndarray, displacement: np.ndarray) -> Columns:
     return {"time (s)": time, "volts (V)": volts, "z (um)": displacement}
 
@@ -333,6 +339,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     one_way,
     share_of_volts,
     percent,
+    voltage_lost,
 )
 
 

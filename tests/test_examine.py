@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from truestroke import plant, trajectories
 from truestroke.cli import main
 from truestroke.identification import Findings, Record, examine, read_record
+from truestroke.identification.records import turning
 from truestroke.identification.records.turning import reversals
 from truestroke.model.operators import play_history
 
@@ -138,12 +139,33 @@ def test_reversals_are_the_extremes_whatever_the_noise(noise: float) -> None:
     np.testing.assert_allclose(turns[1:-1][np.abs(turns[1:-1] - 10) > 20], 250 * np.arange(1, 16), atol=1 + 600 * noise)
 
 
+def test_the_reversals_of_a_noisy_voltage_are_those_of_each_of_its_extremes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ripple is left out before they are walked along; also coarse ripple of equal steps, and beyond the threshold."""
+    rng = np.random.Generator(np.random.PCG64(4))
+    noise = rng.standard_normal((2, 6000))
+    wave = np.sin(np.arange(6000) / 200.0)
+    signals = [wave + 0.1 * noise[0], np.cumsum(noise[1]), np.round(8 * wave + noise[0]), np.round(2 * noise[1])]
+    cases = [(x, share * float(np.ptp(x))) for x in signals for share in (0.01, 0.05, 0.3)]
+    quick = [reversals(x, threshold) for x, threshold in cases]
+    monkeypatch.setattr(turning, "FEW_EXTREMES", 10**9)
+    assert all(np.array_equal(rows, reversals(*case)) for rows, case in zip(quick, cases, strict=True))
+
+
 def test_gaps_are_counted_and_no_stroke_is_read_into_them() -> None:
     t, x, z = actuator(several)
     keep = np.r_[0:3000, 3400:6000]
     result = found(t[keep], x[keep], z[keep])
     assert result.gaps == ((2999, pytest.approx(0.401)),)
     assert says(result, "1 gap, the longest 0.401 s")
+
+
+def test_a_gap_of_a_day_is_no_stroke_of_a_day() -> None:
+    """What nine tenths of the time are spent in is what was measured: lengths and speeds are not those of the gap."""
+    t, x, z = actuator(several)
+    later = np.where(t < 3.2, t, t + 86_400.0)
+    as_one, of_two_days = found(t, x, z), found(later, x, z)
+    assert of_two_days.stroke_lengths_percent == as_one.stroke_lengths_percent
+    assert not says(of_two_days, "all strokes")
 
 
 # ---- Bad records -----------------------------------------------------------------------------------------------------

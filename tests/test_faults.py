@@ -129,6 +129,21 @@ def test_a_sensor_slower_than_the_record_is_said_and_its_noise_is_that_of_its_va
     assert found.noise_um == pytest.approx(0.01, rel=0.5)
 
 
+def test_a_sensor_that_is_much_slower_than_the_record_is_not_shifted() -> None:
+    """A value of 80 rows is late by 40 of them, a third of a stroke: which rows are to be left out is the remedy."""
+    volts, z = clean()
+    (refused,) = examine(Record.from_arrays(volts, np.repeat(z[::80], 80), sample_rate=FS)).mistakes
+    assert refused.endswith("each of its values stays for 80 rows. Leave out all but the first of these")
+
+
+def test_a_sensor_with_a_clock_of_its_own_keeps_its_values_and_is_on_no_lines() -> None:
+    """A new value in each tenth or eleventh row: in no certain one."""
+    volts, z = clean()
+    rows = np.floor(np.floor(np.arange(z.size) / 10.4) * 10.4).astype(int)
+    (asked,) = examine(Record.from_arrays(volts, z[rows], sample_rate=FS)).implausible
+    assert "keeps each of its values for 10.4 rows on average" in asked
+
+
 def test_the_noise_is_that_of_rows_that_are_not_clipped() -> None:
     volts, z = clean()
     low, high = np.quantile(z, [0.3, 0.7])

@@ -39,6 +39,7 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
         "A tenth of the rows lost, each by itself, without time stamps": 1,  # steps, which have none beside them
         "The displacement by a clock that is 3 in 1000 slower": 1,  # of ten strokes
         "Only rows in which the voltage rises, without time stamps": 1,  # steps, which one row has
+        "The voltage is written as 0 V in the last tenth of the rows": 1,  # steps, one of which is 0 V
     }
 
 
@@ -418,6 +419,14 @@ def test_the_remedy_for_a_unit_of_the_file_that_is_wrong_is_one_that_is_taken(
         assert "If it is" not in CliRunner().invoke(main, ["examine", file, *remedy.split()]).output
     against = CliRunner().invoke(main, ["identify", "stated.csv", "--displacement-unit", "nm"])
     assert "if the file is wrong, give --displacement-scale 0.001 in its place" in against.stderr
+
+
+def test_hours_under_a_heading_of_s_are_refused() -> None:
+    """The stamps begin at 0, as most do: they are no dates of a spreadsheet."""
+    t = np.arange(4000) / 1e4
+    x = 50 - 50 * np.cos(2 * np.pi * 5 * t)
+    found = examine(Record.from_arrays(x, 0.3 * x**1.1, time=t / 3600))
+    assert "are they in min, h or days" in found.mistakes[0]
 
 
 def _in_bursts(stamped: bool) -> Record:

@@ -343,6 +343,31 @@ def test_an_end_that_was_not_recorded_is_asked_about(
     )
 
 
+def test_a_start_that_was_not_recorded_is_asked_about(good: tuple[FloatArray, FloatArray]) -> None:
+    """Both signals are 0 and then at once elsewhere; a sensor that was set to 0 at rest has its noise there."""
+    x, z = (np.concatenate([np.zeros(200), signal[1500:]]) for signal in good)
+    at_rest = z + np.where(np.arange(z.size) < 200, 0.002 * np.resize(noise(4), z.size), 0.0)
+    said = ["in the first 200 rows: were they not" in text for text in _implausible(x, z)]
+    assert any(said)
+    assert not any("were they not recorded" in text for text in _implausible(x, at_rest))
+
+
+@pytest.mark.parametrize("at", [slice(1500, 1540), slice(700, 2400), slice(2800, None), slice(0, 900)])
+def test_a_voltage_that_was_not_recorded_is_asked_about(good: tuple[FloatArray, FloatArray], at: slice) -> None:
+    """It keeps 0 V, within or at an end, while the displacement moves on; where it was 0 V, the latter follows."""
+    x, z = good
+    lost = x.copy()
+    lost[at] = 0.0
+    assert any("was it not recorded there?" in text for text in _implausible(lost, z))
+    followed = plays(lost, (0.0, 5.0, 20.0)) @ (0.09, 0.02, 0.02) + 0.002 * noise(3)
+    followed = lfilter([0.2], [1.0, -0.8], followed)
+    assert not any("was it not recorded there?" in text for text in _implausible(lost, followed))
+
+
+def _implausible(x: FloatArray, z: FloatArray) -> tuple[str, ...]:
+    return examine(Record.from_arrays(x, z, sample_rate=RATE)).implausible
+
+
 def test_a_second_column_in_volts_is_said(good: tuple[FloatArray, FloatArray], tmp_path: Path) -> None:
     x, z = good
     table = np.column_stack([T, x / 10, x, z])

@@ -341,6 +341,16 @@ def test_a_residual_that_alternates_is_not_called_white() -> None:
     assert any("The residual oscillates: autocorrelation -0.8" in reason for reason in reasons)
 
 
+def test_the_steps_of_a_slow_sensor_are_no_resonance() -> None:
+    """They are in the residual, which goes to and fro with them."""
+    found, reasons, _ = judged(0.1 * np.cos(2 * np.pi * 250.0 * T))
+    assert any("A resonance, or hum" in reason or "hum, a floor" in reason for reason in reasons)
+    slow = dataclasses.replace(examine(Record.from_arrays(X, PREDICTED, sample_rate=RATE)), rows_per_value=4)
+    said = verdict(found, HeldOut(0.1, 0.3, 0.25, 0.0, 8000, 0.95), slow).reasons
+    assert any("has a new value in every 4. row only, and the residual has its steps" in reason for reason in said)
+    assert not any("hum" in reason for reason in said)
+
+
 def test_the_held_out_part_beyond_the_fitted_one() -> None:
     error = np.where(T >= 12.0, 0.5, 0.05) * np.sin(40 * T)
     _, reasons, _ = judged(error)

@@ -76,12 +76,12 @@ def _fitted(record: Record, turns: turning.Rows) -> _Fitted:
     every = -(-record.volts.size // ROWS)
     x, z = record.volts[::every], record.displacement[::every]
     stroke = max(float(np.median(np.diff(turns))) / every, 1.0)
-    columns = _columns(x, stroke)
+    columns = regressors(x, stroke)
     predicted = columns @ np.linalg.lstsq(columns, z, rcond=1e-10)[0]
     return _Fitted(x, z, columns, predicted, every, stroke, every / record.sample_rate)
 
 
-def _columns(x: FloatArray, stroke: float) -> FloatArray:
+def regressors(x: FloatArray, stroke: float) -> FloatArray:
     """Of a regression that describes most actuators to 1 to 3 %: a drift, a curve, plays, and lags."""
     span, low, n = float(np.ptp(x)), float(x.min()), x.size
     lags = [1]
@@ -169,7 +169,7 @@ def _explains(x: FloatArray, z: FloatArray, rows: int, at: int, stroke: float) -
     kept[max(at - half, 0) : at + half + abs(rows)] = False
     kept[n - abs(rows) :] = False
     moved = np.concatenate([z[:at], np.roll(z, -rows)[at:]])
-    columns = _columns(x, stroke)[kept]
+    columns = regressors(x, stroke)[kept]
     left = [float(np.std(y - columns @ np.linalg.lstsq(columns, y, rcond=1e-10)[0])) for y in (z[kept], moved[kept])]
     return left[0] > BETTER * left[1]
 

@@ -89,6 +89,7 @@ def examine(record: Record) -> Findings:
         clipped_displacement=int(cut.sum()),
         assumed_displacement=not record.columns["displacement"].stated,
         clipped_volts=clipped_volts(x, z, noise(x, record.segments), level)[0],
+        rows_per_value=repeated(z),
     )
     findings = dataclasses.replace(findings, mistakes=mistakes(record, findings))
     findings = dataclasses.replace(findings, implausible=implausible(record, findings))
@@ -191,16 +192,17 @@ def _rates(record: Record, noise: float) -> tuple[float, float, float]:
 
 
 def _strokes(record: Record, turns: Rows, span: float) -> tuple[tuple[float, float], ...]:
-    """5 and 95 % of speeds, um/s, lengths, % of span, and durations, s, of the strokes, weighted by their time.
+    """5 and 95 % of speeds, um/s, lengths, % of span, and durations, s, of the strokes, weighted by their rows.
 
-    The first and the last one are parts of longer ones: without them lengths and durations, where that leaves some.
+    A gap of a day in a stroke is no motion for a day. The first and the last one are parts of longer ones: without
+    them lengths and durations, where that leaves some.
     """
-    seconds = np.diff(record.time[turns])
+    seconds, rows = np.diff(record.time[turns]), np.diff(turns).astype(np.float64)
     speeds = np.abs(np.diff(record.displacement[turns])) / seconds
     lengths = 100 * np.abs(np.diff(record.volts[turns])) / span
     whole = slice(1, -1) if seconds.size >= FEW_PARTS else slice(None)
-    of_whole = (_weighted(values[whole], seconds[whole]) for values in (lengths, seconds))
-    return _weighted(speeds, seconds), *of_whole
+    of_whole = (_weighted(values[whole], rows[whole]) for values in (lengths, seconds))
+    return _weighted(speeds, rows), *of_whole
 
 
 def _places(turns: FloatArray) -> float | None:
@@ -313,7 +315,7 @@ def _of_sampling(found: Findings, record: Record) -> list[str]:
         says.append(f"the displacement is clipped in {found.clipped_displacement} rows: they are not fitted")
     if found.clipped_volts:
         says.append(f"the voltage seems clipped in {found.clipped_volts} rows, while the displacement moves on")
-    if (every := repeated(record.displacement)) > 1:
+    if (every := found.rows_per_value) > 1:
         new = f"the displacement has a new value in every {_ordinal(every)} row only"
         says.append(f"{new}: the sensor is slower than the record, and {every} rows are one measurement")
     if found.jitter_us is None:

@@ -28,7 +28,7 @@ FEWEST, AFTER = 20, 10  # rows of a stop, and after the voltage has moved so far
 BLOCK = 100_000  # rows at a time
 REPEATS = 0.9  # of the changes: so many are the same number of rows apart
 UNLIKE = 3.0  # the large changes over the small ones: those of a coarse converter are alike
-CHANGES = 20  # at least
+CHANGES, LONGER = 20, 5.0  # at least; and times as long as usual the longest of them are apart
 
 Rows = npt.NDArray[np.intp]
 
@@ -36,7 +36,7 @@ Rows = npt.NDArray[np.intp]
 def faults(record: Record) -> Iterator[str]:
     """A sentence for each fault of the sensor, with its evidence and the remedy."""
     yield from _of_spikes(record)
-    if repeated(record.displacement) == 1:  # else it stops and jumps all the time
+    if held(record.displacement) == 1.0:  # else it stops and jumps all the time
         yield from _of_jumps(record)
         yield from _of_stops(record)
 
@@ -57,6 +57,22 @@ def repeated(signal: FloatArray) -> int:
     apart = np.diff(at)
     rows = int(np.median(apart))
     return rows if large > UNLIKE * small and np.mean(apart == rows) > REPEATS else 1
+
+
+def held(signal: FloatArray) -> float:
+    """For how many rows a signal keeps each value on average, also of a clock of its own; 1 where it keeps none.
+
+    Examples
+    --------
+    >>> held(np.sin(np.arange(300.0))[(np.arange(300) / 2.6).astype(int)]), held(np.sin(np.arange(300.0)))
+    (2.6, 1.0)
+    """
+    at = np.flatnonzero(signal[1:] != signal[:-1])
+    apart = np.diff(at)
+    if at.size < CHANGES or np.median(apart) < 2 or apart.max() > LONGER * np.median(apart):
+        return 1.0
+    small, large = np.percentile(np.abs(signal[at + 1] - signal[at]), [10, 90])
+    return round(float(apart.mean()), 1) if large > UNLIKE * small else 1.0
 
 
 def _of_stops(record: Record) -> Iterator[str]:

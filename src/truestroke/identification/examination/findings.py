@@ -78,6 +78,8 @@ class Findings:
         Rows in which it stays at its largest or least value while the other one moves on.
     assumed_displacement : bool
         Whether nobody states the unit of the displacement, and um is assumed.
+    rows_per_value : int
+        In every which row the displacement has a new value: 1, or more with a sensor that is slower than the record.
     warnings : tuple[str, ...]
         What is suspicious, and what the record cannot identify, in words; the mistakes first.
     mistakes : tuple[str, ...]
@@ -118,6 +120,7 @@ class Findings:
     clipped_displacement: int
     clipped_volts: int
     assumed_displacement: bool = False
+    rows_per_value: int = 1
     warnings: tuple[str, ...] = ()
     mistakes: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()

@@ -136,7 +136,7 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
 
 def _of_spreadsheet(record: Record) -> bool:
     """Whether stamps are of one day by the count of spreadsheets, from 1900 on, of the years 1980 to 2100."""
-    return DAYS[0] < record.time[0] and record.time[-1] < DAYS[1] and float(np.ptp(record.time)) < 1.0
+    return bool(DAYS[0] < record.time[0] and record.time[-1] < DAYS[1] and float(np.ptp(record.time)) < 1.0)
 
 
 def _of_reading(record: Record) -> Iterator[str]:
@@ -207,7 +207,9 @@ def _of_order(record: Record, found: Findings) -> Iterator[str]:
             "is it the desired displacement?"
         )
     elif late := _late(record, found, turns):
-        yield f"the displacement is late by {late}, far beyond hysteresis: is it shifted?"
+        each = f"each of its values stays for {found.rows_per_value} rows. Leave out all but the first of these"
+        shifted = "is it a mean over many rows, or is it shifted?" if found.rows_per_value == 1 else each
+        yield f"the displacement is late by {late}, far beyond hysteresis: {shifted}"
 
 
 def _noises(record: Record, found: Findings) -> tuple[float, float]:

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification.examination.faults import repeated
+from truestroke.identification.examination.faults import held, repeated
 from truestroke.identification.examination.findings import Findings
+from truestroke.identification.examination.unrecorded import of_ends, of_volts
 from truestroke.identification.records.record import Record
 from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise, rounding
@@ -35,7 +36,6 @@ MISSING, MOST_MISSING = 1.7, 30.0  # times these: a step over a row that is miss
 FEWEST_LOST, LOST = 6, 0.002  # such steps, and of the even ones
 RARELY = 0.33  # as many between 1 and 2 times: of a motion that is sampled too rarely there are as many and more
 ALIKE = 0.25  # of its factor: so far that of the displacement differs, and its deviation at most
-UNFILLED = 20  # rows: by a sensor whose noise is more than its steps not so many are 0 to the last digit
 
 
 def rewritten(record: Record, found: Findings) -> Iterator[str]:
@@ -45,10 +45,11 @@ def rewritten(record: Record, found: Findings) -> Iterator[str]:
     if repeated(record.displacement) == 1:
         if found.noise_um > COPIED * step:
             yield from _of_blocks(record)
-            yield from _of_an_end(record)
+            yield from of_ends(record)
         yield from _of_lines(record, step)
     yield from [*_of_joints(record, found)] or _of_lost_rows(record, found)
     yield from _of_order(record, found)
+    yield from of_volts(record, 1e-3 * (found.lag_ms or 0.0) * found.sample_rate_hz)
 
 
 def _of_copies(record: Record) -> Iterator[str]:
@@ -133,7 +134,14 @@ def _of_lines(record: Record, step: float) -> Iterator[str]:
     inside = (z[flats[:, 0]] > z.min()) & (z[flats[:, 0]] < z.max())  # at the ends of the range it is clipped
     filled = flats[inside & (flats[:, 1] - flats[:, 0] >= least)]
     drawn = float(flat[moves].mean()) if moves.mean() > DRAWN else 0.0
-    if drawn > max(DRAWN, 2 * by_chance):
+    each = held(z)
+    if drawn > max(DRAWN, 2 * by_chance) and each > 1.0:
+        yield (
+            f"the displacement keeps each of its values for {each:.3g} rows on average, while the voltage moves: is "
+            "the sensor, or the way to the recorder, slower than the record? Record at its rate, or leave out the rows "
+            "that repeat a value"
+        )
+    elif drawn > max(DRAWN, 2 * by_chance):
         rows = round(1 / max(1 - drawn, 1 / z.size))
         yield (
             f"the displacement is on straight lines of {rows} rows each: were rows put "
@@ -219,18 +227,6 @@ def _of_lost_rows(record: Record, found: Findings) -> Iterator[str]:
         yield (
             f"at {lost.size} places both signals go {factor:.2g} times as far in one row as in those beside it: are "
             "rows missing? Record with time stamps"
-        )
-
-
-def _of_an_end(record: Record) -> Iterator[str]:
-    """Both signals are at once 0 and stay there, to the last digit, beneath the noise of the sensor too."""
-    measured = np.flatnonzero((record.volts != 0) | (record.displacement != 0))
-    rows = record.time.size - 1 - int(measured[-1])
-    last = (abs(signal[measured[-1]]) / np.ptp(signal) for signal in (record.volts, record.displacement))
-    if rows >= UNFILLED and max(last) > JOINT:
-        yield (
-            f"both signals are 0 to the last digit in the last {rows} rows: were they not recorded? Leave out what is "
-            f"behind {record.time[measured[-1]]:.4g} s"
         )
 
 

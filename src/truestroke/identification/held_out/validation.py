@@ -430,6 +430,13 @@ def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iter
 def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:
     """Autocorrelation of the residual at all lags."""
     stroke = findings.rows / findings.sample_rate_hz / max(findings.strokes, 1)  # without gaps
+    if findings.rows_per_value > 1 and (found.least_autocorrelation < OSCILLATES or found.line > LINE_SHARE):
+        yield (
+            "doubtful",
+            f"The displacement has a new value in every {findings.rows_per_value}. row only, and the residual has its "
+            "steps: record at the rate of the sensor, or leave out the rows between.",
+        )
+        return
     if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
         yield (
             "doubtful",

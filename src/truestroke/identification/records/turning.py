@@ -10,6 +10,7 @@ from truestroke.signals.noise import converter_step, noise
 
 Rows = npt.NDArray[np.int64]
 
+FEW_EXTREMES, RIPPLE = 1000, 0.02  # that are walked along, and share of pairs without which another pass is no gain
 STROKE = 0.05  # of the voltage span: the least travel between two reversals that counts as a stroke
 WINDOW = 0.1  # of the shorter stroke beside it, that a reversal's window reaches down on either side
 POINTS = 48  # of a window
@@ -31,6 +32,7 @@ def reversals(x: FloatArray, threshold: float) -> Rows:
     moves = np.flatnonzero(signs)
     moved = signs[moves]
     candidates = np.concatenate([moves[1:][moved[1:] != moved[:-1]], [x.size - 1]])
+    candidates = _without_ripple(x, candidates, threshold)
     found, extreme = [0], 0
     direction = 0.0  # of the stroke under way; unknown at first
     for k, value in zip(candidates.tolist(), x[candidates].tolist(), strict=True):
@@ -46,6 +48,24 @@ def reversals(x: FloatArray, threshold: float) -> Rows:
     if found[-1] != x.size - 1:
         found.append(x.size - 1)
     return np.array(found, dtype=np.int64)
+
+
+def _without_ripple(x: FloatArray, extremes: Rows, threshold: float) -> Rows:
+    """The extremes without pairs that lie between those beside them and are less apart: they make no stroke.
+
+    Noise has an extreme in two rows of three; what walks along them does not vectorise.
+    """
+    while extremes.size > FEW_EXTREMES:
+        apart = np.abs(np.diff(x[extremes]))
+        inner = apart[1:-1]
+        small = (inner <= threshold) & (inner < apart[:-2]) & (inner <= apart[2:])
+        pairs = np.flatnonzero(small) + 1
+        if pairs.size < RIPPLE * extremes.size:
+            break
+        kept = np.ones(extremes.size, dtype=np.bool_)
+        kept[pairs] = kept[pairs + 1] = False
+        extremes = extremes[kept]
+    return extremes
 
 
 def delay(x: FloatArray, z: FloatArray, turns: Rows, breaks: Sequence[int]) -> float | None:
