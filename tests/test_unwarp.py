@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -293,6 +294,32 @@ def test_a_trigger_that_does_not_fit_says_what_is_missing(spoil, message, scan, 
     record = ScanRecord(x=x, sample_rate=FS, lines=triggered(gate, FS), jitter=0.5 / FS)
     with pytest.raises(ImageError, match=message):
         truestroke.unwarp(shown["trace"], record, model)
+
+
+@pytest.mark.parametrize("column", [True, False])
+def test_a_trigger_that_came_late_is_named(column, scan, volts, shown, model):
+    """3 samples of 200 were within what is allowed, and made all other lines uneven, too."""
+    if column:
+        gate = scan.gate(1)
+        gate[scan.lines["first"][20] :][:3] = 0
+        trace = triggered(gate, FS)
+        others = np.delete(np.arange(trace.size), 10)
+        assert np.abs(trace["start"] - triggered(scan.gate(1), FS)["start"])[others].max() < 1e-9
+    else:
+        trace = scan.lines[::2].copy()
+        trace["start"][10] += 3 / FS
+    retrace = scan.lines[1::2]
+    record = ScanRecord(
+        x=volts[0],
+        sample_rate=FS,
+        lines=np.sort(np.concatenate([trace, retrace]), order="start"),
+        jitter=0.5 / FS if column else 0.0,
+    )
+    found = truestroke.unwarp(shown, record, model)
+    assert found.verdict.level == "doubtful"
+    words = " ".join(found.verdict.reasons)
+    assert re.search(r"Line 10 of the trace begins or ends 1\.[3-7] ms later than the others say: where its", words)
+    assert "of the retrace begins" not in words
 
 
 def test_a_line_whose_trigger_ends_too_soon_is_named(scan, volts, shown, model):

@@ -137,14 +137,15 @@ def triggered(trigger: npt.ArrayLike, sample_rate: float, direction: int = 1) ->
 
 
 def _even(edges: npt.NDArray[np.intp]) -> FloatArray:
-    """Times of edges, in samples; on a straight line where all are within a sample of it."""
-    times = edges - 0.5
-    if edges.size > 2:
-        number = np.arange(edges.size)
-        straight = np.polyval(np.polyfit(number, times, 1), number)
-        if np.abs(straight - times).max() <= 1.0:
-            return np.asarray(straight)
-    return np.asarray(times)
+    """Times of edges, in samples; on a straight line where all but a few are within a sample of it."""
+    times = np.asarray(edges - 0.5, dtype=np.float64)
+    odd = np.abs(evidence.uneven(times)) > 1.0
+    if edges.size <= 2 or np.mean(odd) > evidence.FEW:
+        return times
+    number = np.arange(edges.size)
+    straight = np.polyval(np.polyfit(number[~odd], times[~odd], 1), number)
+    odd = np.abs(straight - times) > 1.0
+    return np.where(odd, times, straight) if np.mean(odd) <= evidence.FEW else times
 
 
 def mirrored(
@@ -373,6 +374,10 @@ def unwarp(
     findings: list[tuple[Level, str]] = [
         one for model in (x, y) if model and model.verdict.is_bad for one in inherited(model)
     ]
+    for name in given:
+        lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
+        if words := evidence.late(lines, name, speed, record.jitter, APART):
+            findings.append(("doubtful", words))
     findings += [("bad" if times > OTHER_SIZE else "doubtful", words) for words in hints if words]
     far = after is not None and float(np.hypot(*after)) > APART
     why = evidence.why_apart(given, made, places.corrected, after, speed, APART) if after and far else ""

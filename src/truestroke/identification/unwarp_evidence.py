@@ -18,6 +18,7 @@ ALIKE = 0.8  # correlation of two images of the same thing
 UNIFORM = 0.25  # of a shift: one that varies less along a line is the same everywhere
 BLOCKS = 8  # of columns, in which trace and retrace are compared
 WAY = 0.5  # of what a line covers: one that ends so far behind its start goes back
+FEW = 0.1  # of the lines: so many may be uneven where the others are even
 ACROSS = 0.1  # of the way from line to line: an axis that moves less along a line is the slow one
 MISTAKES: tuple[tuple[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]], ...] = (
     ("the retrace mirrored, as it is where it is stored in the order of time", lambda t, r: (t, r[:, ::-1])),
@@ -63,6 +64,39 @@ def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: fl
     return (
         f"it was cut short, so that lines before {first:.4g} s or behind {last:.4g} s are missing, or the image is of "
         "another scan"
+    )
+
+
+def uneven(times: FloatArray) -> FloatArray:
+    """How much later each of even times is than the others say; a few that are not even change it little.
+
+    >>> uneven(np.array([0.0, 1.0, 2.0, 3.3, 4.0, 5.0])).round(2).tolist()
+    [0.0, 0.0, 0.0, 0.3, 0.0, 0.0]
+    """
+    if times.size < 3:
+        return np.zeros(times.size)
+    half = times.size // 2
+    period = float(np.median(times[-half:] - times[:half])) / (times.size - half)
+    later = times - period * np.arange(times.size)
+    return np.asarray(later - np.median(later))
+
+
+def late(lines: npt.NDArray[np.void], name: str, speed: float, jitter: float, near: float) -> str:
+    """Lines that begin or end later or earlier than the others say; empty where there are none, or all are uneven.
+
+    `speed` is that of a line, pixels per second, `near` the pixels that do not matter, `jitter` as of the record, s.
+    """
+    off = np.array([uneven(lines[edge]) for edge in ("start", "end")])
+    worst = off[np.abs(off).argmax(axis=0), np.arange(lines.size)] if lines.size else off[0]
+    odd = np.flatnonzero(np.abs(worst) > max(near / speed, 2.5 * jitter))
+    if not odd.size or odd.size > FEW * lines.size:
+        return ""
+    first = int(odd[0])
+    more = f", as {odd.size - 1} others begin or end beside theirs" if odd.size > 1 else ""
+    by, side = 1000.0 * abs(float(worst[first])), "later" if worst[first] > 0 else "earlier"
+    return (
+        f"Line {first} of the {name} begins or ends {by:.3g} ms {side} than the others say{more}: where its trigger "
+        f"alone came {side}, and not its pixels, they are off by {abs(worst[first]) * speed:.2g} pixels."
     )
 
 
