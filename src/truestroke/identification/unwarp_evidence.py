@@ -13,6 +13,8 @@ from truestroke.signals.scans.images import Image, shift
 
 FAR = 3.0  # pixels between trace and retrace: beyond, they are further apart than a wrong model makes them
 OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
+BEGINS = 0.02  # of the range of a voltage: one that begins further from 0 V and moves does not begin at rest
+EARLY, MOVING = 8, 0.2  # first steps, each of which is at least that share of the steps of a line
 UNLIKE = 1.5  # times: how large an image is by its file, and by the voltage
 ALIKE = 0.8  # correlation of two images of the same thing
 UNIFORM = 0.25  # of a shift: one that varies less along a line is the same everywhere
@@ -40,6 +42,18 @@ def beyond(axis: str, volts: FloatArray, known: tuple[float, float]) -> str:
     return (
         f"The voltage of {axis} goes from {least:.3g} to {most:.3g} V, that of the model's record from {low:.3g} to "
         f"{high:.3g} V: is its unit right, and the gain of a monitor?"
+    )
+
+
+def begins(axis: str, volts: FloatArray) -> str:
+    """A recording that begins while the axis moves, far from 0 V; empty where it begins at rest."""
+    steps, first = np.abs(np.diff(volts)), float(volts[0])
+    moves = steps[:EARLY].min(initial=np.inf) > MOVING * float(np.quantile(steps, 0.9, method="lower"))
+    if not moves or abs(first) <= BEGINS * float(np.ptp(volts)):
+        return ""
+    return (
+        f"The recording of {axis} begins at {first:.3g} V while it moves: what hysteresis was before is not known, and "
+        "the first rows may be off. Record from rest on."
     )
 
 
@@ -75,10 +89,14 @@ def uneven(times: FloatArray) -> FloatArray:
     """
     if times.size < 3:
         return np.zeros(times.size)
-    half = times.size // 2
-    period = float(np.median(times[-half:] - times[:half])) / (times.size - half)
-    later = times - period * np.arange(times.size)
+    later = times - period_of(times) * np.arange(times.size)
     return np.asarray(later - np.median(later))
+
+
+def period_of(times: FloatArray) -> float:
+    """From one of even times to the next, of two at least; a few that are not even change it little."""
+    half = times.size // 2
+    return float(np.median(times[-half:] - times[:half])) / (times.size - half)
 
 
 def late(lines: npt.NDArray[np.void], name: str, speed: float, jitter: float, near: float) -> str:
