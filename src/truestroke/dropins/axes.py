@@ -98,6 +98,7 @@ class _Line:
         self._came, self._true = np.full((2, len(self._args)), math.nan)
         self._tick = 0
         self.future = Future()
+        self.future.set_running_or_notify_cancel()  # who waits for it no more cannot cancel the motion by that
         return self.future
 
     def arguments(self, trajectory: Trajectory) -> list[tuple[Any, ...]]:

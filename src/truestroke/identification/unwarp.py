@@ -496,7 +496,7 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
 def _places(
     images: Mapping[str, Image], record: ScanRecord, model: ActuatorModel, volts: FloatArray
 ) -> tuple[dict[str, FloatArray], _Open]:
-    """Predicted place of each pixel of each image, um, shape (rows, columns); and what noise of the voltage leaves open.
+    """Predicted place of each pixel of each image, um, shape (rows, columns); and what noise of the voltage leaves.
 
     That is seen where the voltage has noise once more.
     """

@@ -82,7 +82,7 @@ def _rounded(volts: FloatArray, span: float) -> float:
 
 
 def _alike(volts: FloatArray, smooth: FloatArray, starts: FloatArray, deviation: float) -> FloatArray:
-    """`smooth`, V, with mean and trend of all lines in each that is like them; starts are those of lines, in samples."""
+    """`smooth`, V, with mean and trend of all lines in each that is like them; starts of lines are in samples."""
     if starts.size < FEWEST[0] or np.mean(np.abs(uneven(starts)) > 1.0) > FEW:
         return smooth
     period = period_of(starts)
@@ -109,8 +109,8 @@ def _alike(volts: FloatArray, smooth: FloatArray, starts: FloatArray, deviation:
         return smooth
     tiled = np.tile(form, 3)
     form = quiet.without_noise(tiled, noise(tiled, (slice(0, tiled.size),)))[size : 2 * size]
-    turn = (np.arange(smooth.size) - first) / period
-    inside = np.isin(np.floor(turn), number[alike])
-    made, turn = smooth.copy(), turn[inside]
-    made[inside] = slope * turn + np.interp(turn % 1.0, np.arange(size + 1) / size, np.append(form, form[0]))
+    turns: FloatArray = np.asarray((np.arange(smooth.size) - first) / period, dtype=np.float64)
+    inside = np.isin(np.floor(turns), number[alike])
+    made, turns = smooth.copy(), turns[inside]
+    made[inside] = slope * turns + np.interp(turns % 1.0, np.arange(size + 1) / size, np.append(form, form[0]))
     return made
