@@ -408,7 +408,7 @@ class _Places:
     area : tuple
         Lowest and highest x, and y, um.
     open : tuple of _Open
-        What noise of the voltages of x and y leaves open.
+        Uncertainty by noise of the voltages of x and y.
     """
 
     seen: Image
@@ -426,7 +426,7 @@ class _Places:
 
     @property
     def noisy(self) -> list[str]:
-        """What noise of the voltages leaves open, a sentence for each axis of which it is more than half a pixel."""
+        """Uncertainty of places by noise of the voltages, a sentence for each axis of which it is more than half a pixel."""
         pixels = zip("xy", self.open, self.size, reversed(self.seen.data.shape), strict=True)
         return [
             f"The voltage of {name} has {1000 * left.volts:.2g} mV of noise, which leaves places open by "
@@ -496,7 +496,7 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
 def _places(
     images: Mapping[str, Image], record: ScanRecord, model: ActuatorModel, volts: FloatArray
 ) -> tuple[dict[str, FloatArray], _Open]:
-    """Predicted place of each pixel of each image, um, shape (rows, columns); and what noise of the voltage leaves.
+    """Predicted place of each pixel of each image, um, shape (rows, columns); and their uncertainty by its noise.
 
     That is seen where the voltage has noise once more.
     """
