@@ -426,7 +426,7 @@ class _Places:
 
     @property
     def noisy(self) -> list[str]:
-        """Uncertainty of places by noise of the voltages, a sentence for each axis of which it is more than half a pixel."""
+        """A sentence for each axis whose places noise of the voltage makes uncertain by more than half a pixel."""
         pixels = zip("xy", self.open, self.size, reversed(self.seen.data.shape), strict=True)
         return [
             f"The voltage of {name} has {1000 * left.volts:.2g} mV of noise, which leaves places open by "
