@@ -5,6 +5,9 @@ noise of 0.3 to 30 nm; the dynamics are up to 3 % wrong, and not given to every 
 for 4 s at 1.2, 2 or 0.5 times its speed, which `controller.period` is given, and for 4 s as before. True error on the
 lines: in the first second after each change and in its last half, over that of the controller alone in the same motion,
 rms, median, 95 % and worst; and in the worst quarter of a second, or period if that is longer.
+
+With `--unstated` nobody says that the speed changes: by 0.3 or 1 % in a tick, or by 1 % within two seconds, as of a
+motion whose period is locked to something else.
 """
 
 from __future__ import annotations
@@ -32,7 +35,9 @@ from truestroke.plant import StagePlant, StageSettings
 
 FloatArray = npt.NDArray[np.float64]
 RATES, FINE, BEGIN, WINDOW = (2000, 5000, 10_000, 20_000), 20, 0.3, 0.25
-LASTS, SPEEDS = (5.0, 4.0, 4.0), (1.2, 2.0, 0.5)
+LASTS, DRIFT = (5.0, 4.0, 4.0), 2.0
+SPEEDS = (1.2, 0.0), (2.0, 0.0), (0.5, 0.0)  # and s in which it is reached
+UNSTATED = (1.003, 0.0), (0.997, 0.0), (1.01, 0.0), (0.99, DRIFT)
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,32 @@ def case(number: int) -> Case:
     return Case(settings, None if rng.uniform() < 0.25 else known, round(rate / lines), float(rng.uniform(0.2, 0.5)))
 
 
-def motion(c: Case, speed: float) -> tuple[trajectories.Trajectory, list[tuple[int, int]]]:
+@dataclass(frozen=True)
+class Changes:
+    """How the speed of a motion changes: to so many times itself, within so many seconds; whether somebody says so."""
+
+    speed: float
+    within: float
+    stated: bool
+
+    def turns(self, c: Case) -> tuple[FloatArray, FloatArray, FloatArray, list[tuple[int, int]]]:
+        """Turns at each tick and two derivatives, a second; first tick and ticks of a period of each part."""
+        rate, before, rows, parts, at, turned = c.settings.sample_rate, 1.0, [], [], 0, 0.0
+        for lasts, times in zip(LASTS, (1.0, self.speed, 1.0), strict=True):
+            own = round(c.ticks / times) if self.stated else c.ticks / times
+            time = np.arange(round(max(1, round(lasts * rate / own)) * own) + 1) / rate
+            u = np.clip(time / self.within, 0.0, 1.0) if self.within else np.ones(time.size)
+            speed = (before + (times - before) * u**2 * (3 - 2 * u)) * rate / (own * times)
+            turns = turned + np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2)) / rate
+            change = np.gradient(speed) * rate if self.within else np.zeros(time.size)
+            rows.append((turns[:-1], speed[:-1], change[:-1]))
+            parts.append((at, round(own)))
+            at, turned, before = at + time.size - 1, turns[-1], times
+        turns, speed, change = (np.concatenate(some) for some in zip(*rows, strict=True))
+        return turns, speed, change, parts
+
+
+def motion(c: Case, changes: Changes) -> tuple[trajectories.Trajectory, list[tuple[int, int]]]:
     """The raster, whose speed changes in the middle of a turn; first tick and ticks of a period of each part."""
     rate, fine = c.settings.sample_rate, c.ticks * FINE
     period = c.ticks / rate
@@ -76,18 +106,18 @@ def motion(c: Case, speed: float) -> tuple[trajectories.Trajectory, list[tuple[i
     position = CubicHermiteSpline(phase, one.position[part], one.velocity[part] * period)
     u = np.arange(round(BEGIN * rate)) / (BEGIN * rate)
     start = one.position[low] * u**3 * (10 - 15 * u + 6 * u**2)
-    rows = [[start, np.gradient(start) * rate, np.gradient(np.gradient(start)) * rate**2, np.zeros(u.size)]]
-    parts, at = [], u.size
-    for lasts, times in zip(LASTS, (1.0, speed, 1.0), strict=True):
-        own = round(c.ticks / times)
-        count = max(1, round(lasts * rate / own))
-        p, per_s = np.tile(np.arange(own) / own, count), rate / own
-        flat = one.flat[part][(p * fine).astype(int)]
-        rows.append([position(p), velocity(p) * per_s, velocity(p, 1) * per_s**2, flat])
-        parts.append((at, own))
-        at += p.size
-    z, v, a, flat = (np.concatenate(some) for some in zip(*rows, strict=True))
-    return trajectories.Trajectory("raster", rate, z, v, one.settings, a, flat), parts
+    turns, speed, change, parts = changes.turns(c)
+    p = turns % 1.0
+    flat = one.flat[part][(p * fine).astype(int)]
+    moved = (
+        (start, position(p)),
+        (np.gradient(start) * rate, velocity(p) * speed),
+        (np.gradient(np.gradient(start)) * rate**2, velocity(p, 1) * speed**2 + velocity(p) * change),
+        (np.zeros(u.size), flat),
+    )
+    z, v, a, flat = (np.concatenate(some) for some in moved)
+    made = trajectories.Trajectory("raster", rate, z, v, one.settings, a, flat)
+    return made, [(at + u.size, own) for at, own in parts]
 
 
 class Changing(RepetitiveController):
@@ -105,13 +135,13 @@ class Changing(RepetitiveController):
         return super().command(*ahead)
 
 
-def errors(c: Case, speed: float) -> list[list[FloatArray]]:
+def errors(c: Case, changes: Changes) -> list[list[FloatArray]]:
     """Of the controller alone and of the other one, in windows behind each change, um rms on the lines."""
-    wave, parts = motion(c, speed)
+    wave, parts = motion(c, changes)
     asked = {"sample_rate": wave.sample_rate, "stroke": 30.0, "voltage_limits": c.settings.voltage_limits}
     alone, inside = (AdaptiveController(**asked, dynamics=c.known) for _ in range(2))
     learning = Changing(inside, c.ticks / wave.sample_rate)
-    learning.parts = parts
+    learning.parts = parts if changes.stated else ()
     made = []
     for controller in (alone, learning):
         done = run(wave, controller, StagePlant(c.settings, seed=c.ticks))
@@ -134,15 +164,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--stages", type=int, default=16)
+    parser.add_argument("--unstated", action="store_true", help="small changes that nobody states")
+    parser.add_argument("--each", action="store_true", help="print each change, too")
     given = parser.parse_args()
     warnings.simplefilter("ignore", LimitWarning)
     ratios = []
     for number in range(given.first, given.first + given.stages):
         c = case(number)
         second = max(1, round(1 / max(WINDOW, c.ticks / c.settings.sample_rate)))
-        for speed in SPEEDS:
+        for speed, within in UNSTATED if given.unstated else SPEEDS:
             try:
-                found = errors(c, speed)
+                found = errors(c, Changes(speed, within, not given.unstated))
             except SettingError as error:
                 print(f"stage {number} at {speed} times the speed: {error}")
                 continue
@@ -155,6 +187,9 @@ def main() -> None:
                         rms(learned[late]) / rms(alone[late]),
                     )
                 )
+                if given.each:
+                    shown = " ".join(f"{one:6.2f}" for one in ratios[-1])
+                    print(f"{number:5} {speed:6g} {shown}   alone {1000 * rms(alone[late]):.1f} nm", flush=True)
     print(f"{len(ratios)} changes, times the error of the controller alone: median, 95 %, worst")
     for name, x in zip(("first second", "worst window", "last half"), np.transpose(ratios), strict=True):
         print(f"{name:14}" + "".join(f"{value:8.2f}" for value in (np.median(x), np.quantile(x, 0.95), x.max())))

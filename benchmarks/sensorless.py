@@ -5,7 +5,7 @@ resonance and damping of its own. A record of rasters at the rate of the scan, t
 as `truestroke identify` does it. On another day an image of 512 columns is scanned open loop, and `truestroke unwarp`
 corrects it. With --changed 1 stroke and width of the loop differ by a per cent then, rms: what no model knows without
 a sensor. Printed are the shifts of the retrace against the trace, and the largest error of the places of the pixels,
-but for one shift of all, in pixels of 512.
+but for one shift of all, in pixels of 512. With --noise and --steps the voltage is that of a monitor.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 import truestroke
 from truestroke import scans
+from truestroke.identification.unwarp_voltage import quieted
 from truestroke.plant import StagePlant, StageSettings
 
 FS, COLUMNS, ROWS = 2000.0, 512, 128
@@ -72,8 +73,14 @@ def model_of(settings: StageSettings, rate: float, seed: int) -> truestroke.Mode
     return truestroke.identify((volts, plant.exchange(volts), FS)).model
 
 
-def shown(number: int, rate: float, changed: float) -> Shown:
-    """What a stage shows."""
+def monitored(volts: np.ndarray, noise: float, step: float, seed: int) -> np.ndarray:
+    """A voltage as a monitor records it, with noise and steps, V."""
+    read = volts + noise * np.random.Generator(np.random.PCG64(seed)).standard_normal(volts.size)
+    return np.round(read / step) * step if step else read
+
+
+def shown(number: int, rate: float, changed: float, noise: float = 0.0, step: float = 0.0) -> Shown:
+    """What a stage shows whose voltage is recorded with this noise and in such steps, V."""
     before, later = stage_of(number, changed)
     model = model_of(before, rate, number)
     scan = scans.raster(width=WIDTH, lines=ROWS, rate=rate, sample_rate=FS, offset=(OFFSET, OFFSET))
@@ -87,10 +94,13 @@ def shown(number: int, rate: float, changed: float) -> Shown:
         true.append(plant.truth)
     places = [scans.at_pixels(scan, one, COLUMNS) for one in true]
     images = scans.images(scan, scans.Texture(seed=number, grain=0.3)(*places), name="height", unit="nm")
-    found = truestroke.unwarp(images, truestroke.ScanRecord.of(scan, *volts), model, model)
+    read = [monitored(one, noise, step, number + k) for k, one in enumerate(volts)]
+    found = truestroke.unwarp(images, truestroke.ScanRecord.of(scan, *read), model, model)
     assert found.before is not None
     assert found.after is not None
-    error = model.predict(volts[0], FS) - true[0]
+    low, high = model.voltage_range
+    used, _ = quieted(read[0], FS, high - low, scan.lines["start"][::2])
+    error = model.predict(used, FS, measured=False) - true[0]
     error = error[scan.inside]
     pixel = WIDTH / COLUMNS
     largest = float(np.abs(error - np.median(error)).max()) / pixel
@@ -103,11 +113,13 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="number of the first stage; every second one is taken")
     parser.add_argument("--rate", type=float, default=4.0, help="rows per second, Hz")
     parser.add_argument("--changed", type=float, default=0.0, help="stroke and loop on the day of the scan, %% rms")
+    parser.add_argument("--noise", type=float, default=0.0, help="of a sample of the monitor, mV")
+    parser.add_argument("--steps", type=float, default=0.0, help="of its converter, mV")
     asked = parser.parse_args()
     print("stage  structure  before   after  places   pixels of 512")
     every = []
     for number in range(asked.first, asked.first + 2 * asked.plants, 2):
-        one = shown(number, asked.rate, asked.changed)
+        one = shown(number, asked.rate, asked.changed, asked.noise / 1000, asked.steps / 1000)
         every.append(one)
         kind = stage_of(number, 0.0)[0].hysteresis_kind
         print(f"{number:5}  {kind:9}  {one.before:6.2f}  {one.after:6.3f}  {one.places:6.2f}", flush=True)

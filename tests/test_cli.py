@@ -579,6 +579,16 @@ def test_a_folder_of_plots_that_cannot_be_made_is_refused_before_the_run(tmp_pat
     assert f"{tmp_path / 'notes'} is a file; choose another folder." in done.output
 
 
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a folder in which nobody can make a file, not even root")
+def test_a_folder_that_only_seems_to_take_files_is_refused_before_the_run() -> None:
+    """Permissions of root forbid nothing: "No such file or directory" came when all was computed."""
+    for options in (["--plots", "/proc/plots"], ["--output", "/proc/scan"]):
+        done = CliRunner().invoke(main, ["scan", "--rate", "nan", *options])
+        assert done.exit_code == 1
+        assert f"{' '.join(options).replace('scan', 'scan.html')}: " in done.output
+        assert "choose another" in done.output
+
+
 def test_the_old_name_of_plots_still_works_and_is_hidden() -> None:
     @click.command()
     @plots_option

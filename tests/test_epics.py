@@ -168,6 +168,10 @@ def test_bluesky_flies_the_axis() -> None:
         assert page["x-measured"] == pytest.approx(page["x-desired"], abs=0.1)
         assert np.ptp(page["x-volts"]) > 0.2
     assert "speed = 1000" in seen["refused"]
+    words, place, fast_again = seen["stopped"]  # it flew on to the end
+    assert words == "Device x was stopped."
+    assert 8.0 < place < 11.5
+    assert fast_again
 
 
 def test_when_the_loop_is_gone_clients_hear_of_it() -> None:

@@ -882,6 +882,46 @@ def test_a_motion_out_of_reach_is_refused_before_anything_moves(
         truestroke.learn(stage, motion, sample_rate=10_000.0, voltage_limits=(-0.6, 3.6), slew=2e4, stroke=35.0)
 
 
+def test_a_slew_that_is_too_low_by_far_is_refused_before_the_dynamics_are_measured(monkeypatch):
+    """The stage moved for some seconds before it was said."""
+    stage, wave = StagePlant(), raster(50.0)
+    monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
+    limits = {"voltage_limits": (-0.6, 3.6), "stroke": 35.0}
+    with pytest.raises(
+        SettingError, match=r"^slew = 100.0 V/s: must be at least 256 V/s, which the motion needs below"
+    ):
+        truestroke.learn(stage, wave, slew=100.0, **limits)
+    with pytest.raises(SettingError, match="must be at least 256 V/s"):
+        truestroke.learn(stage, wave, slew=120.0, resonance=900.0, **limits)
+    with pytest.raises(pytest.fail.Exception):  # near the resonance less may do
+        truestroke.learn(stage, wave, slew=100.0, resonance=60.0, **limits)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            'settings = {dynamics = "no.toml"}',
+            "[[axis]] x: settings.dynamics = 'no.toml': must be dynamics of truestro",
+        ),
+        ('settings = {dynamics = "stage.toml"}', "[[axis]] x: settings.dynamics = 'stage.toml': must be dynamics of"),
+        ('settings = {dynamics = "slow.toml"}', "[[axis]] x: settings.dynamics: sample_rate = 2000 Hz: must be 10000"),
+        ('model = "no.toml"', "[[axis]] x: model = 'no.toml': must be a model of truestroke identify"),
+    ],
+)
+def test_a_file_of_the_configuration_that_cannot_be_used_is_named_by_its_key(tmp_path, monkeypatch, text, words):
+    """It was "no.toml: there is no such file", with exit code 1; the rate was that of --dynamics."""
+    monkeypatch.chdir(tmp_path)
+    Dynamics(sample_rate=2000.0, modes=(Mode(frequency=300.0, damping=0.02),)).save("slow.toml")
+    Path("stage.toml").write_text(
+        '[driver]\nname = "simulated"\nsample_rate = 10000.0\nstage = {}\n'
+        f'[[axis]]\nname = "x"\nstroke = 30.0\nvoltage_limits = [-0.6, 3.6]\nslew = 20000.0\n{text}\n'
+    )
+    done = CliRunner().invoke(main, ["learn", "--config", "stage.toml"])
+    assert done.exit_code == 2
+    assert f"stage.toml: {words}" in done.stderr
+
+
 @pytest.mark.parametrize(("volts", "middle"), [((0.0, 10.0), 15.0), ((-5.0, 5.0), 0.0), ((-2.0, 8.0), 9.0)], ids=str)
 def test_a_motion_without_an_offset_is_in_the_middle_of_the_travel(tmp_path, monkeypatch, volts, middle):
     monkeypatch.chdir(tmp_path)

@@ -179,3 +179,58 @@ def test_a_line_that_takes_no_two_ticks_is_named_by_its_points(points: int, leas
 def test_a_point_that_takes_no_time_is_named_with_its_duration(duration):
     with pytest.raises(SettingError, match=rf"^duration of a point = {duration:g} s: must be above 0 s: 0.005 @ spec"):
         flights.lines(np.array([0.0]), np.array([1.0]), np.array([duration]), [True])
+
+
+TIMED = "hardware_timed = true\nblock = 20\nstage = {noise = 0.005}"
+
+
+def stopped(axis: Any, begin: Any, success: bool = False) -> str:
+    """Stop what `begin` begins, once it moves: rests when `stop` returns; the error with which it ended."""
+
+    async def both() -> str:
+        begun = begin()
+        while not axis.axes.busy("x"):
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.03)
+        await axis.stop(success)
+        assert not axis.axes.busy("x")
+        try:
+            await begun
+        except RuntimeError as error:
+            return str(error)
+        return ""
+
+    return bluesky.run_engine.call_in_bluesky_event_loop(both(), 20.0)
+
+
+@pytest.mark.parametrize("axis", [TIMED], indirect=True)
+@pytest.mark.parametrize("success", [True, False])
+def test_stop_ends_a_flight_at_rest(engine: Any, axis: Any, success: bool) -> None:
+    """It flew on to its end; nobody who had waited for a move could move it again."""
+
+    async def ready() -> None:
+        await axis.prepare(0.05 @ specs.Line("x", 5.0, 15.0, 41))  # 2 s
+        await axis.kickoff()
+
+    bluesky.run_engine.call_in_bluesky_event_loop(ready(), 20.0)
+    assert stopped(axis, axis.complete, success) == ("" if success else "Device x was stopped.")
+    points = list(axis.collect())
+    assert len(points) < 35
+    places = [one["data"]["x-desired"] for one in points]
+    assert places == pytest.approx((5.0 + 0.25 * np.arange(len(points))).tolist())
+    engine(bps.mv(axis, 5.0))  # and it goes on
+
+
+@pytest.mark.parametrize("axis", [TIMED], indirect=True)
+def test_stop_ends_a_move_at_rest(engine: Any, axis: Any) -> None:
+    """It went on, and the loop ended with it: whoever waited for it had gone."""
+    axis.axes._lines["x"].speed = 20.0
+    assert stopped(axis, lambda: axis.set(25.0)) == "Device x was stopped."
+    assert axis.axes.at("x") < 8.0
+    engine(bps.mv(axis, 0.0))
+
+
+def test_stop_at_rest_or_before_connect_does_nothing(axis: Any) -> None:
+    asyncio.run(ophyd.PiezoAxis("none.toml", "x").stop())
+    asyncio.run(axis.stop())
+    assert axis.axes.at("x") == 0.0

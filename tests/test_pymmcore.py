@@ -169,6 +169,39 @@ def test_latency_and_blocks_leave_each_measurement_at_its_tick(tmp_path: Path) -
     assert abs(made.measured[0]) < 0.01  # at rest; the first of them came 7 ticks later
 
 
+def test_a_motion_that_is_stopped_rests_on_its_way(tmp_path: Path) -> None:
+    """Nothing could stop it: a large move on a slow amplifier takes seconds."""
+    with Axes.of(configuration(tmp_path, "z", driver="block = 4\nlatency = 7\nplant = {noise = 0.0}")) as axes:
+        assert axes.stop("z") is None
+        axes._lines["z"].speed = 20.0
+        going = axes.move(z=20.0)["z"]
+        while axes.at("z") < 1.0:
+            time.sleep(0.001)
+        assert axes.stop("z") is going
+        assert axes.stop("z") is going  # again
+        made = going.result(timeout=60.0)
+        assert made.stopped is not None
+        assert 1.0 <= made.desired[made.stopped] <= made.desired[-1] < 15.0
+        steps = np.diff(made.desired)
+        assert steps.min() > -1e-12
+        assert np.abs(np.diff(steps)).max() < 0.1 * steps.max()
+        assert np.isfinite(made.measured).all()
+        assert axes.at("z") == made.desired[-1]
+        axes._lines["z"].speed = 500.0
+        assert axes.move(z=0.0)["z"].result().desired[-1] == 0.0
+
+
+def test_the_host_stops_a_move(core: UniMMCore, tmp_path: Path) -> None:
+    file = configuration(tmp_path, "z", driver="hardware_timed = true")
+    core.loadPyDevice("Z", PiezoZ(str(file)))
+    core.initializeDevice("Z")
+    opened(file)._lines["z"].speed = 5.0
+    core.setPosition("Z", 20.0)
+    core.stop("Z")
+    core.waitForDevice("Z")
+    assert core.getPosition("Z") < 5.0
+
+
 def test_no_sensor_leaves_the_model(tmp_path: Path) -> None:
     file = configuration(tmp_path, "z", driver='faults = [{kind = "nan", count = 1000000}]\nstage = {noise = 0.0}')
     with Axes.of(file) as axes:

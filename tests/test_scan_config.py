@@ -230,7 +230,10 @@ def test_a_simulated_sample_is_read_where_it_truly_is() -> None:
             ("rate = 20.0", "rate = 20.0\nsettle = 0.2"),
             "settle = 0.2: must be dynamics of the slow axis, a file of tru",
         ),
-        (("turn = 0.3", "turn = 0.98"), "columns = 512: must be 2 or more, and no more than the ticks can fill, which"),
+        (
+            ("turn = 0.3", "turn = 0.98"),
+            "scan.rate = 20.0 Hz: must be so low that the ticks of a line at 2000 Hz fill 2",
+        ),
     ],
     ids=lambda value: value[1][:24] if isinstance(value, tuple) else "",
 )
@@ -251,6 +254,15 @@ def test_columns_that_the_ticks_do_not_fill_are_named(tmp_path, asked, said) -> 
     words = f"The image has {found.columns} columns, not 333: that is what the ticks of a line fill."
     assert found.notice.startswith(words) if said else not found.notice
     assert found.columns == 20 or 30 <= found.columns <= 40
+
+
+def test_a_folder_of_the_recording_that_is_missing_is_named_by_its_key(tmp_path) -> None:
+    """It was the option --output, which nobody had given."""
+    (tmp_path / "scan.toml").write_text((SIMULATED + AXES).replace("scan.h5", "none/scan.h5"))
+    done = CliRunner().invoke(main, ["scan", "--config", str(tmp_path / "scan.toml")])
+    assert done.exit_code == 1
+    assert "scan.toml: recording.file none/scan.h5: there is no folder none; make it" in done.stderr
+    assert "--output" not in done.stderr
 
 
 def test_two_signals_of_one_name_are_refused() -> None:

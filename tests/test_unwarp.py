@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 import truestroke
 from truestroke import ImageError, ScanRecord, SettingError, Verdict, scans
 from truestroke.cli import main
+from truestroke.identification import unwarp as unwarp_module
 from truestroke.identification.unwarp import by_direction, mirrored, read_scan_record, triggered
 from truestroke.model.branches import Branches
 from truestroke.plant import StagePlant, StageSettings
@@ -102,6 +104,59 @@ def test_what_the_monitor_of_a_slow_axis_adds_to_its_voltage_moves_no_row(scan, 
     )
     assert abs(found.origin[1] - known.origin[1]) < 0.1 * known.pixel[1]
     assert abs(found.size[1] - known.size[1]) < 0.15 * known.pixel[1]
+
+
+def off(record, scan, volts, shown, model):
+    """By how much noise of the voltage moves the places of the pixels, pixels of 512, 99 % of them."""
+    made, known = (unwarp_module._places(shown, one, model, one.x)[0] for one in (record, ScanRecord.of(scan, *volts)))
+    apart = np.concatenate([(made[name] - known[name]).ravel() for name in made]) / (18.0 / 512)
+    return float(np.quantile(np.abs(apart - np.median(apart)), 0.99))
+
+
+@pytest.mark.parametrize(
+    ("noise", "step", "most"), [(0.003, 0.0, 0.15), (0.01, 0.0, 0.5), (0.0017, 0.005, 0.15), (0.0, 0.01, 0.6)]
+)
+def test_the_mean_of_lines_that_are_alike_has_little_of_the_noise(noise, step, most, scan, volts, shown, model):
+    """0.52, 1.8, 0.46 and 1.5 pixels: the noise of each line was only smoothed."""
+    random = np.random.Generator(np.random.PCG64(5))
+    read = [one + noise * random.normal(size=one.size) for one in volts]
+    read = [np.round(one / step) * step if step else one for one in read]
+    assert off(ScanRecord.of(scan, *read), scan, volts, shown, model) < most
+
+
+def test_spikes_and_gaps_of_the_voltage_are_not_those_of_the_scan(scan, volts, shown, model, both):
+    """The file was refused, or rows were displaced by four."""
+    random, read = np.random.Generator(np.random.PCG64(5)), [one.copy() for one in volts]
+    for one in read:
+        one[random.integers(2, one.size - 2, 20)] += 0.5
+        for k in random.integers(scan.lines["first"][0], one.size - 3, 10):
+            one[k : k + 3] = 0.0
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, *read), model, model)
+    assert np.nanmax(np.abs(found.images["trace"].data - both.images["trace"].data)[1:-1]) < 0.5
+    assert found.verdict.level == "good"
+
+
+def test_noise_that_leaves_places_open_is_said(scan, volts, shown, model):
+    """10 mV moved pixels by up to 6 of 512, and the verdict was good."""
+    random = np.random.Generator(np.random.PCG64(5))
+    read = [one + 0.1 * random.normal(size=one.size) * (one is volts[0]) for one in volts]
+    few = dataclasses.replace(ScanRecord.of(scan, *read), lines=scan.lines[:12])
+    image = {name: dataclasses.replace(one, data=one.data[:6]) for name, one in shown.items()}
+    try:
+        words = " ".join(truestroke.unwarp(image, few, model).verdict.reasons)
+    except ImageError as error:
+        words = str(error)
+    assert re.search(r"voltage of x has .* mV of noise, which leaves places open by|voltage is noisy", words)
+
+
+def test_a_record_that_begins_in_motion_is_doubtful(scan, volts, shown, model):
+    first = int(scan.lines["first"][0]) - 50
+    lines = scan.lines.copy()
+    for edge in ("start", "end"):
+        lines[edge] -= first / FS
+    record = ScanRecord(x=volts[0][first:], sample_rate=FS, lines=lines)
+    reasons = " ".join(truestroke.unwarp(shown, record, model).verdict.reasons)
+    assert "The recording of x begins at 0.48 V while it moves" in reasons
 
 
 def test_lines_by_a_trigger_are_those_of_the_table(scan, volts, shown, model, both):
@@ -293,6 +348,32 @@ def test_a_trigger_that_does_not_fit_says_what_is_missing(spoil, message, scan, 
     record = ScanRecord(x=x, sample_rate=FS, lines=triggered(gate, FS), jitter=0.5 / FS)
     with pytest.raises(ImageError, match=message):
         truestroke.unwarp(shown["trace"], record, model)
+
+
+@pytest.mark.parametrize("column", [True, False])
+def test_a_trigger_that_came_late_is_named(column, scan, volts, shown, model):
+    """3 samples of 200 were within what is allowed, and made all other lines uneven, too."""
+    if column:
+        gate = scan.gate(1)
+        gate[scan.lines["first"][20] :][:3] = 0
+        trace = triggered(gate, FS)
+        others = np.delete(np.arange(trace.size), 10)
+        assert np.abs(trace["start"] - triggered(scan.gate(1), FS)["start"])[others].max() < 1e-9
+    else:
+        trace = scan.lines[::2].copy()
+        trace["start"][10] += 3 / FS
+    retrace = scan.lines[1::2]
+    record = ScanRecord(
+        x=volts[0],
+        sample_rate=FS,
+        lines=np.sort(np.concatenate([trace, retrace]), order="start"),
+        jitter=0.5 / FS if column else 0.0,
+    )
+    found = truestroke.unwarp(shown, record, model)
+    assert found.verdict.level == "doubtful"
+    words = " ".join(found.verdict.reasons)
+    assert re.search(r"Line 10 of the trace begins or ends 1\.[3-7] ms later than the others say: where its", words)
+    assert "of the retrace begins" not in words
 
 
 def test_a_line_whose_trigger_ends_too_soon_is_named(scan, volts, shown, model):

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 from typing import Any
 
 import bluesky.plan_stubs as bps
 from bluesky import RunEngine
+from bluesky.run_engine import call_in_bluesky_event_loop
 from ophyd_async.core import init_devices
 from scanspec.specs import Line
 
 from truestroke.dropins.ophyd import EpicsPiezoAxis, fly
+
+
+async def stopped(x: EpicsPiezoAxis) -> list[Any]:
+    """How a flight of 5 s ends that is stopped, and where."""
+    await x.prepare(0.5 @ Line("x", 8.0, 12.0, 10))
+    await x.kickoff()
+    going = x.complete()
+    while await x.desired.get_value() < 8.5:
+        await asyncio.sleep(0.01)
+    await x.stop()
+    try:
+        await going
+    except RuntimeError as error:
+        return [str(error), await x.desired.get_value(), await x.speed.get_value() == await x.fastest()]
+    return []
 
 
 def main() -> None:
@@ -29,7 +46,8 @@ def main() -> None:
         engine(bps.prepare(x, 0.001 @ Line("x", 8.0, 12.0, 5), wait=True))
     except Exception as error:  # FailedStatus, whose cause says why
         refused = str(error.__cause__ or error)
-    sys.stdout.write(json.dumps({"pages": pages, "keys": keys, "refused": refused}) + "\n")
+    ended = call_in_bluesky_event_loop(stopped(x), 30.0)
+    sys.stdout.write(json.dumps({"pages": pages, "keys": keys, "refused": refused, "stopped": ended}) + "\n")
 
 
 if __name__ == "__main__":

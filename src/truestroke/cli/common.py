@@ -12,6 +12,7 @@ import os
 import re
 import shutil
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -279,10 +280,19 @@ def _to_fill(_: click.Context, parameter: click.Parameter, folder: Path | None) 
     """The folder that an option names; an error now rather than after the run if it can be neither made nor filled."""
     if folder is not None:
         there = next(one for one in (folder.absolute(), *folder.absolute().parents) if one.exists())
-        if not there.is_dir() or not os.access(there, os.W_OK):
+        if not there.is_dir() or not _can_be_filled(there):
             why = "cannot be written" if there.is_dir() else "is a file"
             raise click.ClickException(f"{parameter.opts[0]} {folder}: {there} {why}; choose another folder.")
     return folder
+
+
+def _can_be_filled(folder: Path) -> bool:
+    """Whether a file can be made in it: what permissions say is not all, as of /proc."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -333,10 +343,10 @@ def examined(record: truestroke.Record, force: bool) -> truestroke.Findings:
     return findings
 
 
-def outputs(output: str, *endings: str) -> list[Path]:
+def outputs(output: str, *endings: str, option: str = "--output") -> list[Path]:
     """The files to write, one for each of `endings`; an error now rather than after the run if they cannot be.
 
-    A recording ends with .hdf5 in place of .h5 where `output` does.
+    `option` is what names them, for the error. A recording ends with .hdf5 in place of .h5 where `output` does.
     """
     stem = Path(output)
     if stem.suffix == ".hdf5":
@@ -344,11 +354,11 @@ def outputs(output: str, *endings: str) -> list[Path]:
     if stem.suffix in (".h5", ".hdf5", ".html"):
         stem = stem.with_suffix("")
     if not stem.name or stem.is_dir():
-        raise click.UsageError(f"--output {output}: is a folder; add a name, such as {stem / 'run1'}.")
+        raise click.UsageError(f"{option} {output}: is a folder; add a name, such as {stem / 'run1'}.")
     places = [stem.with_name(stem.name + ending) for ending in endings]
     for folder in filter(Path.is_dir, places):
-        raise click.ClickException(f"--output {output}: {folder} cannot be written; choose another --output.")
-    return [to_write("--output", place, _kind(place.suffix)) for place in places]
+        raise click.ClickException(f"{option} {output}: {folder} cannot be written; choose another {option}.")
+    return [to_write(option, place, _kind(place.suffix)) for place in places]
 
 
 def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
@@ -359,7 +369,7 @@ def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
     if not path.parent.is_dir():
         made = system.command_line(*system.MAKE_FOLDER, path.parent)
         raise click.ClickException(f"{option} {file}: there is no folder {path.parent}; make it: {made}")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
+    if not (os.access(path, os.W_OK) if path.exists() else _can_be_filled(path.parent)):
         raise click.ClickException(f"{option} {file}: cannot be written; choose another {option}.")
     _refuse_an_input(option, path)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -67,13 +68,15 @@ def learn(
     (page_file,) = common.outputs(output.removesuffix(".csv"), ".html")
     target = common.to_write("--output", page_file.with_suffix(".csv"), files.WAVEFORM)
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.MODEL)
-    driver, limits, rate = _driven(config, options)
+    driver, limits, rate, given = _driven(config, options)
     if options["offset"] is None:
         options["offset"] = _middle(limits, options["peak_to_peak"])
     wave = _wave(motion, rate, options)
-    given = {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
-    given["dynamics"] = options["dynamics"] and waveforms.dynamics_of(options["dynamics"], rate)
-    given["model"] = options["model"] and truestroke.usable_model(options["model"], force=options["force"])
+    given |= {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
+    if options["dynamics"] is not None:
+        given["dynamics"] = waveforms.dynamics_of(options["dynamics"], rate)
+    if options["model"] is not None:
+        given["model"] = truestroke.usable_model(options["model"], force=options["force"])
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:
@@ -82,7 +85,7 @@ def learn(
         return common.complain(str(error), ExitCode.STOPPED)
     except truestroke.DriverError as error:
         return common.complain(str(error), ExitCode.DRIVER)
-    model, why = _model(found, given["model"], model_file)
+    model, why = _model(found, given.get("model"), model_file)
     made = learning.page(found, common.to_repeat())
     pictures = common.save_page(made, page_file, plots)
     if as_json:
@@ -189,23 +192,29 @@ def _model(found: Learned, before: truestroke.ActuatorModel | None, file: Path) 
     return file, ""
 
 
-def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str, Any], float]:
-    """What is driven, its limits and stroke, and its sample rate, Hz."""
+def _driven(config: Path | None, options: dict[str, Any]) -> tuple[Any, dict[str, Any], float, dict[str, Any]]:
+    """What is driven, its limits and stroke, its sample rate, Hz, and what its configuration knows of it.
+
+    What an option names is not read from the configuration.
+    """
     from truestroke.runtime.realtime import config as configuration
 
     if config is None:
         from truestroke.plant import StagePlant
 
         stage = StagePlant()
-        return stage, DEMO | {"stroke": DEMO_STROKE}, stage.settings.sample_rate
+        return stage, DEMO | {"stroke": DEMO_STROKE}, stage.settings.sample_rate, {}
     driver, table, rate = configuration.one_axis_at(config, options["axis"])
-    for key in ("dynamics", "model"):
-        inside = table.settings.get(key) if key == "dynamics" else table.model
-        options[key] = options[key] or (config.parent / str(inside) if inside else None)
-    if options["model"] is None:
+    if options["dynamics"] is not None:
+        table = dataclasses.replace(table, settings={})
+    if options["model"] is not None:
+        table = dataclasses.replace(table, model=None)
+    known = configuration.known(config, table, rate, force=options["force"])
+    if options["model"] is None and "model" not in known:
         with checks.inside(f"{config}: [[axis]] {table.name}: "):
             table.needed_stroke()
-    return driver, table.limits | {"stroke": table.stroke, "resonance": table.resonance, "zero": table.zero}, rate
+    limits = table.limits | {"stroke": table.stroke, "resonance": table.resonance, "zero": table.zero}
+    return driver, limits, rate, known
 
 
 def _long(rate: float, options: dict[str, Any]) -> float:

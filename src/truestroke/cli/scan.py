@@ -102,14 +102,14 @@ def _say(words: str, as_json: bool) -> None:
 # ---- Files of images -----------------------------------------------------------------------------------------------
 
 
-def _check_images(page_file: Path, endings: tuple[str, ...]) -> None:
+def _check_images(page_file: Path, endings: tuple[str, ...], option: str = "--output") -> None:
     """An error now rather than after the scan, where they cannot be written."""
     from truestroke.signals.scans import image_files
 
     for ending in endings:
         image_files.require_library(Path(f"image.{ending}"))
         if ending != "gsf":
-            common.to_write("--output", page_file.with_suffix(f".{ending}"), image_files.IMAGE)
+            common.to_write(option, page_file.with_suffix(f".{ending}"), image_files.IMAGE)
 
 
 def _save_images(
@@ -151,8 +151,9 @@ def _on_hardware(
     if imaging.scan.name == "raster":
         _say(rates.ringing(float(imaging.scan.settings["rate"]), _modes(job, imaging)), as_json)  # type: ignore[arg-type]
     ending = ".h5" if output else job.file.suffix or ".h5"
-    page_file, recording = common.outputs(output or str(job.file.with_suffix("")), ".html", ending)
-    _check_images(page_file, endings)
+    option = "--output" if output else f"{config}: recording.file"
+    recording, page_file = common.outputs(output or str(job.file.with_suffix("")), ending, ".html", option=option)
+    _check_images(page_file, endings, option)
     command, server = ("scan --live", job.live) if live else ("scan", None)
     done = realtime.follow(command, config, job, recording, files.replacing(), as_json, server)
     if done.outcome.reason:

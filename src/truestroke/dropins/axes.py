@@ -38,18 +38,23 @@ FAR = 20  # times as soon with one of more than its stroke, which is another one
 BOTH_SIDES = 0.5  # of the highest voltage: a lowest one that is as far below 0 moves the stage to both sides
 AVERAGE = 0.01  # s of rest over which a reading is averaged
 ZERO = 0.05  # s of rest before the first motion, for the zero of the sensor
+SOON = 0.005  # s until a motion that is to be stopped slows down: what it needs is computed meanwhile
 SPIN = 0.0  # s: a thread that spins would take the interpreter from the host
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """A motion as it was made: one entry a tick, um and V; NaN where no measurement came."""
+    """A motion as it was made: one entry a tick, um and V; NaN where no measurement came.
+
+    `stopped` is the tick from which on it was stopped.
+    """
 
     time: FloatArray
     desired: FloatArray
     volts: FloatArray
     measured: FloatArray
     true: FloatArray | None
+    stopped: int | None = None
 
 
 def travel(stroke: float, low: float, high: float) -> tuple[float, float]:
@@ -82,19 +87,42 @@ class _Line:
         self._limit = axis.table.error_limit or SHARE * self.stroke
         self.future: Future[Trace] | None = None
         self.trace: Trace | None = None
+        self.motion: Trajectory
+        self._stopped: int | None = None
         self._tick = 0
 
     def begin(self, trajectory: Trajectory) -> Future[Trace]:
         """Make this motion from the next tick on."""
-        made = wanted(trajectory, self.controller)
-        ticks, late = len(trajectory), self.timing.latency
-        self._args = list(zip(*(array.tolist() for array in made), strict=True))
-        self._args += [(float(trajectory.position[-1]), 0.0)] * (late + self.timing.block)  # until all is measured
+        self.motion, self._args, self._stopped = trajectory, self.arguments(trajectory), None
         self._sent = np.full(len(self._args), math.nan)
         self._came, self._true = np.full((2, len(self._args)), math.nan)
-        self._ticks, self._tick, self._desired = ticks, 0, trajectory.position
+        self._tick = 0
         self.future = Future()
+        self.future.set_running_or_notify_cancel()  # who waits for it no more cannot cancel the motion by that
         return self.future
+
+    def arguments(self, trajectory: Trajectory) -> list[tuple[Any, ...]]:
+        """Of `command`, for each tick of a motion, until all of it is measured."""
+        made = wanted(trajectory, self.controller)
+        args: list[tuple[Any, ...]] = list(zip(*(array.tolist() for array in made), strict=True))
+        return args + [(float(trajectory.position[-1]), 0.0)] * (self.timing.latency + self.timing.block)
+
+    def later(self, seconds: float) -> int | None:
+        """A tick so much later, at least a block, of a motion that goes on there; None where it ends, or is stopped."""
+        at = self._tick + max(round(seconds * self.timing.sample_rate), 2 * self.timing.block)
+        goes_on = self.future is not None and self._stopped is None and at < len(self.motion)
+        return at if goes_on else None
+
+    def stop(self, shorter: Trajectory, args: list[tuple[Any, ...]], at: int) -> bool:
+        """Make this motion in place of the present one, which it is up to a tick; False where that has passed."""
+        if self.later(0.0) is None or self._tick + self.timing.block > at:
+            return False
+        self.motion, self._args, self._stopped = shorter, args, at
+        for name in ("_sent", "_came", "_true"):
+            before, made = getattr(self, name), np.full(len(args), math.nan)
+            made[: before.size] = before[: made.size]
+            setattr(self, name, made)
+        return True
 
     def command(self, volts: FloatArray) -> None:
         """The voltages of the next block."""
@@ -122,20 +150,19 @@ class _Line:
                 there = (k >= 0) & (k < size)
                 into[k[there]] = came[there]
         self._tick += block
-        if self._tick >= self._ticks + late:
+        if self._tick >= len(self.motion) + late:
             self._arrive(truth is not None)
 
     def _arrive(self, simulated: bool) -> None:
-        n, rate = self._ticks, self.timing.sample_rate
+        n, rate, desired = len(self.motion), self.timing.sample_rate, self.motion.position
         done, self.future = self.future, None
         self.rest.clear()
-        moving = np.flatnonzero(self._desired != self._desired[-1])
+        moving = np.flatnonzero(desired != desired[-1])
         tail = self._came[moving[-1] + 1 if moving.size else 0 : self._tick - self.timing.latency]
         self.rest.extend(tail[tail == tail].tolist())
         true = self._true[:n] - self.zero if simulated else None
-        trace = Trace(
-            time=np.arange(n) / rate, desired=self._desired, volts=self._sent[:n], measured=self._came[:n], true=true
-        )
+        made: dict[str, Any] = {"volts": self._sent[:n], "measured": self._came[:n], "true": true}
+        trace = Trace(time=np.arange(n) / rate, desired=desired, stopped=self._stopped, **made)
         self.trace = trace
         if done is not None:
             done.set_result(trace)
@@ -315,6 +342,25 @@ class Axes:
         if abs(first - line.at) > 1e-6:
             raise SettingError("trajectory", f"from {first:g} um", f"from {line.at:g} um, where {name} is")
         return self._begin({line: trajectory})[name]
+
+    def stop(self, name: str) -> Future[Trace] | None:
+        """Bring an axis to rest on its way, within a run-down; returns at once, with the future of its motion.
+
+        None where it rests; a motion that ends sooner by itself does so.
+        """
+        line, waits = self._line(name), SOON
+        while True:
+            with self._changed:
+                future, at = line.future, line.later(waits)
+                motion = line.motion if at is not None else None
+            if at is None or motion is None:
+                return future
+            shorter = motions.stopped(motion, at, stage=line.stage)
+            args = line.arguments(shorter)  # meanwhile the motion goes on
+            with self._changed:
+                if line.motion is motion and line.stop(shorter, args, at):
+                    return future
+            waits *= 2
 
     def check(self, name: str, target: float) -> None:
         """SettingError where a target, um, is beyond the stroke."""

@@ -53,6 +53,43 @@ def move(start: float, end: float, sample_rate: float, *, speed: float, stage: D
     return Trajectory("move", rate, start + height * s, height * first, {"end": end}, height * second)
 
 
+def stopped(motion: Trajectory, at: int, *, stage: Dynamics | None = None) -> Trajectory:
+    """A motion that comes to rest on its way: from tick `at` on it is made ever more slowly, within a run-down.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        With its acceleration.
+    at : int
+        Its tick from which on it slows down, from 0 on.
+    stage : Dynamics, optional
+        Its modes do not swing at the end: as of `line`.
+
+    Examples
+    --------
+    >>> made = stopped(line(5.0, 15.0, 0.1, 2000.0)[0], 100)
+    >>> len(made), made.position[[100, -1]].round(1).tolist(), made.velocity[[100, -1]].tolist()
+    (142, [8.0, 9.0], [100.0, 0.0])
+    """
+    rate, ticks = motion.sample_rate, np.arange(len(motion), dtype=np.float64)
+    edge, still = _run_up(stage, rate), _rest(stage, rate)
+    turn, since = shaping.reversal(edge / rate, stage), np.arange(1, edge + 1) / rate
+    done, first, _ = turn.at(since)
+    done[-1], first[-1] = 1.0, 0.0
+    places = np.minimum(at + rate * (since - turn.integral(since)), ticks[-1])
+    slowing = 1.0 - done
+    speed = np.interp(places, ticks, motion.velocity) * slowing
+    change = np.interp(places, ticks, motion.acceleration) * slowing**2
+    change -= np.interp(places, ticks, motion.velocity) * first
+    way = _between(motion.position, motion.velocity / rate, places)
+    parts = (motion.position, way), (motion.velocity, speed), (motion.acceleration, change)
+    rest = [np.full(still, way[-1]), np.zeros(still), np.zeros(still)]
+    position, velocity, acceleration = (
+        np.concatenate([before[: at + 1], slow, last]) for (before, slow), last in zip(parts, rest, strict=True)
+    )
+    return Trajectory(motion.name, rate, position, velocity, {**motion.settings, "stopped": at}, acceleration)
+
+
 def line(
     start: float, end: float, duration: float, sample_rate: float, *, stage: Dynamics | None = None
 ) -> tuple[Trajectory, slice]:
@@ -85,8 +122,7 @@ def line(
     rate = checks.positive("sample_rate", sample_rate, "Hz")
     checks.within("duration", duration, 2 / rate, 1e6, "s")
     speed = (end - start) / duration
-    period = RUN_UP if stage is None else TURN / stage.modes[0].frequency
-    edge, still = max(SHORTEST, math.ceil(period * rate)), _rest(stage, rate)
+    edge, still = _run_up(stage, rate), _rest(stage, rate)
     turn = shaping.reversal(edge / rate, stage)
     along = round(duration * rate)
     middles = np.arange(2 * (still + edge) + along + 1, dtype=np.float64) - (
@@ -106,6 +142,21 @@ def line(
     position = start + speed * (way - rise / 2)
     made = Trajectory("line", rate, position, speed * part, {"start": start, "end": end}, speed * change)
     return made, slice(still + edge, still + edge + along)
+
+
+def _between(position: FloatArray, steps: FloatArray, places: FloatArray) -> FloatArray:
+    """Positions between ticks, by a cubic with their velocities, a tick: SciPy takes seconds to load on a busy host."""
+    k = np.minimum(places.astype(int), len(position) - 2)
+    u = places - k
+    rise = position[k + 1] - position[k]
+    bent = (1 - u) * (steps[k] - rise) - u * (steps[k + 1] - rise)
+    return np.asarray(position[k] + u * rise + u * (1 - u) * bent)
+
+
+def _run_up(stage: Dynamics | None, rate: float) -> int:
+    """Ticks in which an axis gains or loses its speed."""
+    period = RUN_UP if stage is None else TURN / stage.modes[0].frequency
+    return max(SHORTEST, math.ceil(period * rate))
 
 
 def _rest(stage: Dynamics | None, rate: float) -> int:

@@ -53,8 +53,9 @@ class Flown:
 
     @classmethod
     def of(cls, trace: Trace, ticks: list[slice], began: float) -> Flown:
-        """From a motion that began at a time, s since 1970, and the ticks of each point."""
+        """From a motion that began at a time, s since 1970, and the ticks of each point, up to a stop."""
         rate = 1 / (trace.time[1] - trace.time[0])
+        ticks = ticks if trace.stopped is None else [k for k in ticks if k.stop <= trace.stopped]
         middles = np.array([0.5 * (k.start + k.stop) for k in ticks]) / rate
         rows = {name: getattr(trace, name) for name in CHANNELS}
         return cls(began + middles, {name: np.array([_mean(row[k]) for k in ticks]) for name, row in rows.items()})
@@ -82,7 +83,11 @@ class _Logic(MovableLogic[float], FlyableLogic[Any, _Flight]):  # type: ignore[m
     device: PiezoAxis = field(kw_only=True)
 
     async def stop(self) -> None:
-        """Nothing: a move ends by itself, at rest; a flight, too."""
+        """Come to rest on the way, without ringing; returns when the axis rests."""
+        device = self.device
+        ending = device.axes.stop(device.axis) if device.opened else None
+        if ending is not None:
+            await asyncio.wait([asyncio.wrap_future(ending)])  # whose error is that of the move
 
     async def check_move(self, new_position: float) -> None:
         """Refuse a target beyond the stroke."""
@@ -113,10 +118,12 @@ class _Logic(MovableLogic[float], FlyableLogic[Any, _Flight]):  # type: ignore[m
 
     async def on_complete(self, ctx: _Flight) -> None:
         """Wait for the end of the last line."""
-        self.device.flown = Flown.of(await self._ended(ctx.done), ctx.ticks, ctx.began)
+        trace = await self._ended(ctx.done)
+        self.device.flown = Flown.of(trace, ctx.ticks, ctx.began)
+        self.device.refuse_stopped(trace.stopped is not None)
 
     async def _ended(self, future: Any) -> Trace:
-        trace: Trace = await asyncio.wrap_future(future)
+        trace: Trace = await asyncio.shield(asyncio.wrap_future(future))  # who waits no more does not end the motion
         self.device.show()
         return trace
 
@@ -125,6 +132,17 @@ class _Flyer(StandardReadable, StandardMovable[float], StandardFlyable[Any, Any]
     """What bluesky asks of any back end: points of a flight as events."""
 
     flown: Flown | None = None
+    _fails = False  # whether what is stopped has failed
+
+    async def stop(self, success: bool = False) -> None:
+        """Bring the axis to rest on its way; the move or the flight has failed then, unless `success`."""
+        self._fails = not success
+        await super().stop(success)
+
+    def refuse_stopped(self, stopped: bool) -> None:
+        """RuntimeError, as of a move in ophyd-async, for a flight that was stopped and has failed by that."""
+        if stopped and self._fails:
+            raise RuntimeError(f"Device {self.name} was stopped.")
 
     async def describe_collect(self) -> dict[str, Any]:
         """Keys of a point: NAME-desired and NAME-measured, um, and NAME-volts, V."""
@@ -200,6 +218,11 @@ class PiezoAxis(_Flyer):
         return f"truestroke://{os.fspath(self.path)}#{self.axis}"
 
     @property
+    def opened(self) -> bool:
+        """Whether it is connected."""
+        return self._opened is not None
+
+    @property
     def axes(self) -> Axes:
         """The axes of the configuration, from `connect` on."""
         if self._opened is None:
@@ -241,7 +264,12 @@ class _RemoteLogic(MovableLogic[float], FlyableLogic[Any, list[flights.Line]]): 
     device: EpicsPiezoAxis = field(kw_only=True)
 
     async def stop(self) -> None:
-        """Nothing: a move ends by itself, at rest; a flight, too."""
+        """Go back to where the axis should be now, as smoothly as it moves."""
+        device = self.device
+        if device.goal is not None:
+            device.goal = place = await device.desired.get_value()
+            device.stopped = True
+            await self.setpoint.set(place)
 
     async def check_move(self, new_position: float) -> None:
         """Refuse a target beyond `reach`."""
@@ -250,8 +278,8 @@ class _RemoteLogic(MovableLogic[float], FlyableLogic[Any, list[flights.Line]]): 
 
     async def move(self, new_position: float, timeout: Any) -> None:
         """Go there at the speed that is set."""
-        await self.setpoint.set(new_position)
-        await self._until(new_position)
+        await self._begin(new_position)
+        await self._until_there()
 
     async def on_prepare(self, value: Any) -> list[flights.Line]:
         """Move to the run-up of the line, at full speed; then set that of the line."""
@@ -270,18 +298,26 @@ class _RemoteLogic(MovableLogic[float], FlyableLogic[Any, list[flights.Line]]): 
 
     async def on_kickoff(self, ctx: list[flights.Line]) -> list[flights.Line]:
         """Begin to fly."""
-        await self.setpoint.set(self.device.ends[1])
+        await self._begin(self.device.ends[1])
         return ctx
 
     async def on_complete(self, ctx: list[flights.Line]) -> None:
         """Wait for the end of the line, and for the waves that show it."""
-        await self._until(self.device.ends[1])
-        self.device.flown = await self.device.waves(ctx[0])
-        await self.device.speed.set(await self.device.fastest())
+        device = self.device
+        await self._until_there()
+        device.flown = None if device.stopped else await device.waves(ctx[0])
+        await device.speed.set(await device.fastest())
+        device.refuse_stopped(device.stopped)
 
-    async def _until(self, target: float) -> None:
-        async for shown in observe_value(self.device.desired):
-            if abs(shown - target) <= ARRIVED:
+    async def _begin(self, target: float) -> None:
+        self.device.goal, self.device.stopped = target, False
+        await self.setpoint.set(target)
+
+    async def _until_there(self) -> None:
+        device = self.device
+        async for shown in observe_value(device.desired):
+            if device.goal is None or abs(shown - device.goal) <= ARRIVED:
+                device.goal = None
                 return
 
 
@@ -317,6 +353,8 @@ class EpicsPiezoAxis(_Flyer):
         wave = {channel: epics_signal_r(Array1D[np.float64], f"{pv}{channel.upper()}:WAVE") for channel in CHANNELS}
         self.desired_wave, self.measured_wave, self.volts_wave = (wave[channel] for channel in CHANNELS)
         self._fastest: float | None = None
+        self.goal: float | None = None  # of the present motion, um
+        self.stopped = False  # whether the last motion was
         super().__init__(name=name or prefix.rpartition(":")[2].lower())
 
     @cached_property

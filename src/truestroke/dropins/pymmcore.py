@@ -122,7 +122,10 @@ class _Piezo:
         return self._axes
 
     def stop(self) -> None:
-        """Nothing: a move ends by itself, after some milliseconds, at rest."""
+        """Bring the axes to rest on their way, without ringing; `busy` until then."""
+        axes = self._opened()
+        for name in self._names.values():
+            axes.stop(name)
 
 
 def _ended(future: Any) -> bool:

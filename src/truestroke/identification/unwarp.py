@@ -24,9 +24,8 @@ from truestroke.control.actuator import ActuatorModel
 from truestroke.control.reach import inherited
 from truestroke.identification import unwarp_evidence as evidence
 from truestroke.identification.unwarp_evidence import FAR, filled
-from truestroke.signals import quiet
+from truestroke.identification.unwarp_voltage import quieted
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
-from truestroke.signals.noise import noise
 from truestroke.signals.scans.images import Image, ImageError, shift
 from truestroke.signals.scans.scan import LINE, Scan, table
 from truestroke.signals.tables import UNITS, RecordError, open_table
@@ -42,8 +41,7 @@ BACK = 1.0  # pixels: a line that goes back further is none
 ODD = 0.05  # of a line: one that lasts so much longer or shorter than the others has lost its trigger
 LOOSE = 0.1  # of half a sample: by which noise may move an edge further
 OTHER_UNIT = 10.0  # times the length of the recording: lines that last longer have another unit
-REVERSAL = 5e-3  # of the range of a voltage: smaller ones are no motion of a scan,
-NOISES = 8.0  # nor are those of so many times its noise
+SURE, HALF = 0.95, 0.5  # of the places; pixels by which noise of the voltage may leave them open
 SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
 HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
 
@@ -137,14 +135,15 @@ def triggered(trigger: npt.ArrayLike, sample_rate: float, direction: int = 1) ->
 
 
 def _even(edges: npt.NDArray[np.intp]) -> FloatArray:
-    """Times of edges, in samples; on a straight line where all are within a sample of it."""
-    times = edges - 0.5
-    if edges.size > 2:
-        number = np.arange(edges.size)
-        straight = np.polyval(np.polyfit(number, times, 1), number)
-        if np.abs(straight - times).max() <= 1.0:
-            return np.asarray(straight)
-    return np.asarray(times)
+    """Times of edges, in samples; on a straight line where all but a few are within a sample of it."""
+    times = np.asarray(edges - 0.5, dtype=np.float64)
+    odd = np.abs(evidence.uneven(times)) > 1.0
+    if edges.size <= 2 or np.mean(odd) > evidence.FEW:
+        return times
+    number = np.arange(edges.size)
+    straight = np.polyval(np.polyfit(number[~odd], times[~odd], 1), number)
+    odd = np.abs(straight - times) > 1.0
+    return np.where(odd, times, straight) if np.mean(odd) <= evidence.FEW else times
 
 
 def mirrored(
@@ -373,6 +372,12 @@ def unwarp(
     findings: list[tuple[Level, str]] = [
         one for model in (x, y) if model and model.verdict.is_bad for one in inherited(model)
     ]
+    begun = [evidence.begins(name, volts) for name, volts, _ in axes]
+    findings += [("doubtful", words) for words in (*places.noisy, *begun) if words]
+    for name in given:
+        lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
+        if words := evidence.late(lines, name, speed, record.jitter, APART):
+            findings.append(("doubtful", words))
     findings += [("bad" if times > OTHER_SIZE else "doubtful", words) for words in hints if words]
     far = after is not None and float(np.hypot(*after)) > APART
     why = evidence.why_apart(given, made, places.corrected, after, speed, APART) if after and far else ""
@@ -380,6 +385,14 @@ def unwarp(
     return Unwarped(
         images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict, even_rows=y is None
     )
+
+
+@dataclass(frozen=True)
+class _Open:
+    """Deviation of the noise of a voltage, V, and by how much 95 % of the places may be off for it, um."""
+
+    volts: float
+    um: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,19 +407,33 @@ class _Places:
         x and y of each pixel, um; y is empty where its rows are even.
     area : tuple
         Lowest and highest x, and y, um.
+    open : tuple of _Open
+        Uncertainty by noise of the voltages of x and y.
     """
 
     seen: Image
     across: Mapping[str, FloatArray]
     along: Mapping[str, FloatArray]
     area: Area
+    open: tuple[_Open, _Open]
 
     @classmethod
     def of(cls, given: Mapping[str, Image], record: ScanRecord, x: ActuatorModel, y: ActuatorModel | None) -> _Places:
-        across = _places(given, record, x, record.x)
-        along = {} if y is None else _places(given, record, y, record.y)
+        across, open_x = _places(given, record, x, record.x)
+        along, open_y = ({}, _Open(0.0, 0.0)) if y is None else _places(given, record, y, record.y)
         seen = next(iter(given.values()))
-        return cls(seen, across, along, (_common(across), _rows_area(seen, along)))
+        return cls(seen, across, along, (_common(across), _rows_area(seen, along)), (open_x, open_y))
+
+    @property
+    def noisy(self) -> list[str]:
+        """A sentence for each axis whose places noise of the voltage makes uncertain by more than half a pixel."""
+        pixels = zip("xy", self.open, self.size, reversed(self.seen.data.shape), strict=True)
+        return [
+            f"The voltage of {name} has {1000 * left.volts:.2g} mV of noise, which leaves places open by "
+            f"{left.um * count / size:.2g} pixels: take the command, or a monitor with less noise or finer steps."
+            for name, left, size, count in pixels
+            if left.um * count / size > HALF
+        ]
 
     @property
     def size(self) -> tuple[float, float]:
@@ -466,22 +493,33 @@ def _check_fit(image: Image, name: str, record: ScanRecord) -> None:
         )
 
 
-def _without_noise(volts: FloatArray, model: ActuatorModel) -> FloatArray:
-    """The voltage at the actuator, V: a slow axis adds up the noise of its monitor in each state of its hysteresis."""
-    low, high = model.voltage_range
-    deviation = noise(volts, (slice(0, volts.size),))
-    quieter = quiet.without_noise(volts, quiet.noise_of(volts, high - low, deviation))
-    return quiet.without_reversals(quieter, max(REVERSAL * float(np.ptp(volts)), NOISES * deviation))
-
-
 def _places(
     images: Mapping[str, Image], record: ScanRecord, model: ActuatorModel, volts: FloatArray
+) -> tuple[dict[str, FloatArray], _Open]:
+    """Predicted place of each pixel of each image, um, shape (rows, columns); and their uncertainty by its noise.
+
+    That is seen where the voltage has noise once more.
+    """
+    low, high = model.voltage_range
+    first = record.lines[record.lines["direction"] == DIRECTIONS[next(iter(images))]]
+    about = record.sample_rate, high - low, first["start"]
+    volts, deviation = quieted(volts, *about)
+    places = _predicted(images, record, model, volts)
+    if not deviation:
+        return places, _Open(0.0, 0.0)
+    again = volts + deviation * np.random.default_rng(0).standard_normal(volts.size)
+    others = _predicted(images, record, model, quieted(again, *about)[0])
+    apart = np.concatenate([(others[name] - one).ravel() for name, one in places.items()])
+    return places, _Open(deviation, float(np.quantile(np.abs(apart - np.median(apart)), SURE)))
+
+
+def _predicted(
+    images: Mapping[str, Image], record: ScanRecord, model: ActuatorModel, volts: FloatArray
 ) -> dict[str, FloatArray]:
-    """Predicted place of each pixel of each image, um, shape (rows, columns)."""
+    """Place of each pixel by this voltage, um."""
     from scipy.interpolate import CubicSpline
 
-    x = _without_noise(volts, model)
-    predicted, made = CubicSpline(record.time, model.predict(x, record.sample_rate, measured=False)), {}
+    predicted, made = CubicSpline(record.time, model.predict(volts, record.sample_rate, measured=False)), {}
     for name, image in images.items():
         lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
         columns = image.data.shape[1]

@@ -13,11 +13,14 @@ from truestroke.signals.scans.images import Image, shift
 
 FAR = 3.0  # pixels between trace and retrace: beyond, they are further apart than a wrong model makes them
 OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
+BEGINS = 0.02  # of the range of a voltage: one that begins further from 0 V and moves does not begin at rest
+EARLY, MOVING = 8, 0.2  # first steps, each of which is at least that share of the steps of a line
 UNLIKE = 1.5  # times: how large an image is by its file, and by the voltage
 ALIKE = 0.8  # correlation of two images of the same thing
 UNIFORM = 0.25  # of a shift: one that varies less along a line is the same everywhere
 BLOCKS = 8  # of columns, in which trace and retrace are compared
 WAY = 0.5  # of what a line covers: one that ends so far behind its start goes back
+FEW = 0.1  # of the lines: so many may be uneven where the others are even
 ACROSS = 0.1  # of the way from line to line: an axis that moves less along a line is the slow one
 MISTAKES: tuple[tuple[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]], ...] = (
     ("the retrace mirrored, as it is where it is stored in the order of time", lambda t, r: (t, r[:, ::-1])),
@@ -42,6 +45,18 @@ def beyond(axis: str, volts: FloatArray, known: tuple[float, float]) -> str:
     )
 
 
+def begins(axis: str, volts: FloatArray) -> str:
+    """A recording that begins while the axis moves, far from 0 V; empty where it begins at rest."""
+    steps, first = np.abs(np.diff(volts)), float(volts[0])
+    moves = steps[:EARLY].min(initial=np.inf) > MOVING * float(np.quantile(steps, 0.9, method="lower"))
+    if not moves or abs(first) <= BEGINS * float(np.ptp(volts)):
+        return ""
+    return (
+        f"The recording of {axis} begins at {first:.3g} V while it moves: what hysteresis was before is not known, and "
+        "the first rows may be off. Record from rest on."
+    )
+
+
 def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: float) -> str:
     """Why a recording has not as many lines as the image has rows, as far as their times show it."""
     rows, columns = shape
@@ -63,6 +78,43 @@ def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: fl
     return (
         f"it was cut short, so that lines before {first:.4g} s or behind {last:.4g} s are missing, or the image is of "
         "another scan"
+    )
+
+
+def uneven(times: FloatArray) -> FloatArray:
+    """How much later each of even times is than the others say; a few that are not even change it little.
+
+    >>> uneven(np.array([0.0, 1.0, 2.0, 3.3, 4.0, 5.0])).round(2).tolist()
+    [0.0, 0.0, 0.0, 0.3, 0.0, 0.0]
+    """
+    if times.size < 3:
+        return np.zeros(times.size)
+    later = times - period_of(times) * np.arange(times.size)
+    return np.asarray(later - np.median(later))
+
+
+def period_of(times: FloatArray) -> float:
+    """From one of even times to the next, of two at least; a few that are not even change it little."""
+    half = times.size // 2
+    return float(np.median(times[-half:] - times[:half])) / (times.size - half)
+
+
+def late(lines: npt.NDArray[np.void], name: str, speed: float, jitter: float, near: float) -> str:
+    """Lines that begin or end later or earlier than the others say; empty where there are none, or all are uneven.
+
+    `speed` is that of a line, pixels per second, `near` the pixels that do not matter, `jitter` as of the record, s.
+    """
+    off = np.array([uneven(lines[edge]) for edge in ("start", "end")])
+    worst = off[np.abs(off).argmax(axis=0), np.arange(lines.size)] if lines.size else off[0]
+    odd = np.flatnonzero(np.abs(worst) > max(near / speed, 2.5 * jitter))
+    if not odd.size or odd.size > FEW * lines.size:
+        return ""
+    first = int(odd[0])
+    more = f", as {odd.size - 1} others begin or end beside theirs" if odd.size > 1 else ""
+    by, side = 1000.0 * abs(float(worst[first])), "later" if worst[first] > 0 else "earlier"
+    return (
+        f"Line {first} of the {name} begins or ends {by:.3g} ms {side} than the others say{more}: where its trigger "
+        f"alone came {side}, and not its pixels, they are off by {abs(worst[first]) * speed:.2g} pixels."
     )
 
 

@@ -16,7 +16,14 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.model_file import taken
-from truestroke.control.repeating.iterative import IterativeLearning, Learned, Pass, at_the_noise, check_motion
+from truestroke.control.repeating.iterative import (
+    IterativeLearning,
+    Learned,
+    Pass,
+    at_the_noise,
+    check_motion,
+    least_slew,
+)
 from truestroke.identification.dynamics import DynamicsError, NoResonanceError, measure_bode, spring_to
 from truestroke.identification.identified import identify
 from truestroke.identification.records.record import Record
@@ -42,6 +49,7 @@ BEYOND = 1.0  # of the stroke: so far out of reach a motion may seem, where the 
 LOOKS = 16, 0.05  # samples, s: so long at least the sensor is read at rest
 PATIENCE = 2, 4  # passes in a row without an improvement, after which it ends: near the noise, and far from it
 CLOSE = 1.5  # times the noise: an error that is near it
+EASED = 0.5  # of the slew that a spring needs: with less no stage makes a motion well below its resonance
 GAP = 0.5  # s between them in the record of the model
 BETTER = 0.95  # times the rmse of the best pass before: an improvement
 
@@ -157,6 +165,7 @@ def learn(
         checks.within(name, seconds, 0.0, 3600.0, "s")
     spring = ""
     if measures:
+        _refuse_slew(motion, sample_rate, gain, limits, resonance)
         dynamics, bandwidth, spring = _measured(driver, limits, rate, doing)
     given: dict[str, Any] = {"voltage_limits": limits.voltage_limits, "slew_limit": slew, "model": known}
     try:
@@ -273,6 +282,20 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
         )
         ends = [round(float(end), 9) + 0.0 for end in (position.min(), position.max())]
         raise SettingError("motion", f"{ends[0]:.4g} to {ends[1]:.4g}", bound, "um")
+
+
+def _refuse_slew(
+    motion: Trajectory | npt.ArrayLike, rate: float | None, gain: float, limits: Limits, resonance: float
+) -> None:
+    """SettingError for a slew that is too low by far, before the dynamics are measured.
+
+    How much less than a spring the motion needs near its resonance, Hz, is known then only.
+    """
+    fastest, frequency = least_slew(motion, rate, gain)
+    eased = min(abs(1 - (frequency / resonance) ** 2), 1.0) if resonance else 1.0
+    if limits.slew < EASED * eased * fastest:
+        bound = f"at least {fastest:.4g} V/s, which the motion needs below the resonance: raise it, move slower or less"
+        raise SettingError("slew", limits.slew, f"{bound}; of a motion near it give the `dynamics`", "V/s")
 
 
 def _measured(

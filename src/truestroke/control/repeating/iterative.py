@@ -655,6 +655,18 @@ def check_motion(motion: Trajectory | npt.ArrayLike, sample_rate: float | None, 
     return rate
 
 
+def least_slew(motion: Trajectory | npt.ArrayLike, sample_rate: float | None, gain: float) -> tuple[float, float]:
+    """Slew of a spring of this gain, um/V, where the error counts, V/s; and the frequency of the motion, Hz.
+
+    >>> fastest, frequency = least_slew(5.0 * np.sin(2 * np.pi * np.arange(200) / 200), 10_000.0, gain=10.0)
+    >>> round(fastest), frequency
+    (157, 50.0)
+    """
+    wave, counts, rate, periods = _period(motion, sample_rate)
+    steps = np.abs(np.diff(wave, append=wave[:1]))[counts]
+    return float(steps.max(initial=0.0)) * rate / gain, periods * rate / wave.size
+
+
 def _check_band(frequency: float, highest: float) -> None:
     if highest < frequency:
         bound = f"at most {highest:.4g} Hz, {BAND} times the first resonance"

@@ -445,6 +445,25 @@ def _settings(given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {**toml.arguments(ControllerSettings, others), **apart}
 
 
+def known(path: str | os.PathLike[str], table: AxisTable, rate: float, *, force: bool = False) -> dict[str, Any]:
+    """Dynamics and model of the files that an axis names, for an experiment at so many ticks per second, Hz.
+
+    Raises
+    ------
+    SettingError
+        A file is missing or of another kind, or the model is bad and not to be used by `force`.
+    """
+    folder = Path(path).parent
+    found: dict[str, Any] = {}
+    with checks.inside(f"{os.fspath(path)}: [[axis]] {table.name}: "):
+        if isinstance(name := table.settings.get("dynamics"), str):
+            with checks.inside("settings.", {"dynamics.sample_rate": "dynamics: sample_rate"}):
+                found["dynamics"] = _dynamics("dynamics", folder, name).check_rate(rate)
+        if table.model is not None:
+            found["model"] = _model(table.model, folder, force=force)
+    return found
+
+
 def _dynamics(key: str, folder: Path, name: str) -> Dynamics:
     try:
         return Dynamics.load(folder / name)
@@ -452,9 +471,9 @@ def _dynamics(key: str, folder: Path, name: str) -> Dynamics:
         raise SettingError(key, repr(name), f"dynamics of truestroke bode ({error})") from None
 
 
-def _model(name: str, folder: Path) -> ActuatorModel:
+def _model(name: str, folder: Path, *, force: bool = False) -> ActuatorModel:
     try:
-        return usable_model(folder / name)
+        return usable_model(folder / name, force=force)
     except BadModelError as error:
         reason = str(error).partition(". Record")[0]
         raise SettingError("model", repr(name), f"a model whose verdict is not bad ({reason})") from None

@@ -91,8 +91,11 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
     asked = checks.count("columns", table.columns, LEAST, 10**5)
     if (columns := scans.pixels_of(made, asked)) < LEAST:
-        bound = f"{LEAST} or more, and no more than the ticks can fill, which is {columns}: scan slower, in more lines,"
-        raise SettingError("columns", asked, f"{bound} or at a higher sample rate than {rate:g} Hz")
+        key = "rotation" if table.kind == "spiral" else "rate"
+        most = f"so low that the ticks of a line at {rate:g} Hz fill {LEAST} pixels, not {columns}"
+        raise SettingError(
+            key, made.settings[key], f"{most}: scan slower, in more lines, with shorter turns, or sample faster", "Hz"
+        )
     fewer = columns < asked and "columns" in given
     notice = (
         f"The image has {columns} columns, not {asked}: that is what the ticks of a line fill. "
