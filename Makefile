@@ -5,6 +5,7 @@ MINUTES ?= 1
 BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
+BUILT_WITH := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
 
 .PHONY: help demo test setup bench images web c-test zig fuzz fuzz-again fuzz-kernel fuzz-readers lint types imports analyse docs docs-look reports-look docs-pdf pytest coverage wheel clean
@@ -26,13 +27,16 @@ test:  ## everything that CI runs
 
 setup: $(VENV)/.ready  ## the environment that all but the demo use: the demo's, and the tools of developers
 
-# The package, editable, and what it needs. Bytecode is made on all cores: where Python writes none by itself, every
-# command would begin a second later. A file that does not compile is the business of its package.
+# The package, editable, and what it needs. What builds it stays in the environment: in one of pip's own, which is another
+# one each time, all would be compiled anew, and not what has changed. Bytecode is made on all cores: where Python writes
+# none by itself, every command would begin a second later. A file that does not compile is the business of its package.
 $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "$(OLD_PYTHON)" % sys.version.split()[0])'
 	@echo 'Setting up $(VENV), once: half a minute where nothing else runs; pip compiles the kernel and fetches what it lacks.'
 	@begin=$$(date +%s); $(PYTHON) -m venv $(VENV) && \
-	  $(PIP) --no-compile --editable . && \
+	  $(PIP) --no-compile cmake ninja $$($(BIN)/python -c '$(BUILT_WITH)') && \
+	  $(PIP) --no-compile --no-deps --no-build-isolation --editable . && \
+	  $(PIP) --no-compile truestroke && \
 	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@

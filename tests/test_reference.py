@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import types
 from typing import Any
 
@@ -11,7 +12,9 @@ import pytest
 from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, _kernel
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LMS, RLS
+from truestroke.control.baselines import ProjectedGradient
 from truestroke.control.reference import HISTORY, ReferenceController
+from truestroke.control.reference.published import PublishedController
 from truestroke.model.models import ModifiedPrandtlIshlinskii, RateDependentModel
 
 BASIC = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -317,6 +320,37 @@ def test_any_law_goes_in_the_loop_and_learns() -> None:
     _, error_held = closed_loop(held, z_d, zdot_d, np.zeros(z_d.size))
     assert np.sqrt(np.mean(error[1500:] ** 2)) < 0.1 * np.sqrt(np.mean(error_held[1500:] ** 2))
     np.testing.assert_array_equal(held.weights, settings.initial_weights)
+
+
+@pytest.mark.parametrize("dead_zones", [{}, {"dead_zone_thresholds": (0.0, 10.0), "dead_zone_weights": (1.0, 0.05)}])
+@pytest.mark.parametrize("kind", ["LMS", "gradient"])
+def test_what_the_paper_has_alone_gives_the_same_bits(kind: str, dead_zones: dict[str, Any]) -> None:
+    """Beyond its voltage limits and without some measurements, too."""
+    settings = ControllerSettings.paper(**BASIC, **dead_zones)
+    first = settings.initial_weights
+    law: Any = {"LMS": lambda: LMS(first), "gradient": lambda: ProjectedGradient(first, forgetting=0.9, slope_min=0.3)}
+    whole, alone = (make(settings, law[kind]()) for make in (ReferenceController, PublishedController))
+    rng = np.random.default_rng(4)
+    for k, (z_d, zdot_d) in enumerate(zip(*random_wave(rng, 400), strict=True)):
+        volts = whole.command(1.6 * z_d, zdot_d)
+        assert alone.command(1.6 * z_d, zdot_d) == volts
+        for controller in (whole, alone):
+            controller.adapt(np.nan if k % 50 == 7 else 10.0 * volts + 0.3 * math.sin(0.1 * k))
+        np.testing.assert_array_equal(alone.weights, whole.weights)
+        np.testing.assert_array_equal(alone.partial_slopes, whole.partial_slopes)
+        assert (alone.innovation, alone.flag_bits) == (whole.innovation, whole.flag_bits)
+    assert min(whole.counters["saturated"], whole.counters["rejected"]) > 0
+
+
+def test_a_part_that_the_paper_does_not_have_is_refused() -> None:
+    for more in ({"offset": True}, {"trim_rate": 20.0}):
+        settings = ControllerSettings.paper(**BASIC, **more)
+        with pytest.raises(SettingError, match=r"settings = .*: must be those of ControllerSettings.paper"):
+            PublishedController(settings, LMS(settings.initial_weights))
+    published = PublishedController(settings_of("paper"), LMS(settings_of("paper").initial_weights))
+    published.command(10.0, 0.0)
+    with pytest.raises(SettingError, match="ago = 1"):
+        published.adapt(10.0, 1)
 
 
 class Broken(LMS):

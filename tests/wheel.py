@@ -33,9 +33,9 @@ def pythons() -> dict[str, str]:
     return found
 
 
-def build(python: str, into: Path) -> Path:
+def build(python: str, into: Path, *options: str) -> Path:
     """The wheel that pip builds from a clean copy of what git would give."""
-    run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", into, ROOT)
+    run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", *options, "--wheel-dir", into, ROOT)
     return next(into.glob("*.whl"))
 
 
@@ -56,7 +56,10 @@ def main() -> None:
             run(python, "-m", "venv", venv)
             binary = venv / ("Scripts" if os.name == "nt" else "bin")
             if tag not in wheels:
-                wheels[tag] = build(str(binary / "python"), Path(folder) / tag)
+                if python == sys.executable:  # `make setup` has compiled all of it
+                    wheels[tag] = build(python, Path(folder) / tag, "--no-build-isolation")
+                else:
+                    wheels[tag] = build(str(binary / "python"), Path(folder) / tag)
                 if sys.platform == "linux":
                     audit(wheels[tag])
             run(binary / "python", "-m", "pip", "install", "--quiet", "numpy")

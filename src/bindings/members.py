@@ -23,4 +23,6 @@ def members(header: str, struct: str, prefix: str = "") -> Iterator[str]:
 if __name__ == "__main__":
     text = re.sub(r"/\*.*?\*/", "", Path(sys.argv[1]).read_text(encoding="utf-8"), flags=re.DOTALL)
     lines = (f'MEMBER("{path}", {path})\n' for path in members(text, sys.argv[2]))
-    Path(sys.argv[3]).write_text("".join(lines), encoding="utf-8")
+    listed, file = "".join(lines), Path(sys.argv[3])
+    if not file.exists() or file.read_text(encoding="utf-8") != listed:  # else the bindings would be compiled again
+        file.write_text(listed, encoding="utf-8")

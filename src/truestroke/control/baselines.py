@@ -199,15 +199,17 @@ class ProjectedGradient:
 
     def update(self, u: FloatArray, e_m: float) -> None:
         """One step, with the regressor u of (20), V, and the error of the model e_m of (15), um."""
-        H, s = u[0::2], np.cumsum(self.weights[0::2])
-        v = H - np.append(H[1:], 0.0)
-        self._R = self.forgetting * self._R + np.outer(v, v)
+        H, s = u[0::2], self.weights[0::2].cumsum()
+        v = H.copy()
+        v[:-1] -= H[1:]
+        self._R = self.forgetting * self._R + v[:, np.newaxis] * v
         self._q = self.forgetting * self._q + v * (e_m + float(v @ s))
-        trace = float(np.trace(self._R))
+        trace = float(self._R.trace())
         if trace > FADED:
             s = np.maximum(s - (self._R @ s - self._q) / trace, self.slope_min)
         self.weights = self.weights.copy()
-        self.weights[0::2] = np.append(s[:1], s[1:] - s[:-1])
+        s[1:] -= s[:-1]
+        self.weights[0::2] = s
 
 
 def tune_pid(

@@ -15,7 +15,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LMS, Law
 from truestroke.control.baselines import ConstantGain, Pid, ProjectedGradient, tune_pid
 from truestroke.control.controller import AdaptiveController, Controller
-from truestroke.control.reference import ReferenceController
+from truestroke.control.reference.published import PublishedController
 from truestroke.control.settings import ControllerSettings
 from truestroke.identification import FittedWeights, fit
 from truestroke.runtime.loop import Actuator, run
@@ -181,7 +181,7 @@ def _tuned(
     """What makes the controller with the best of the values in its law, and that value."""
 
     def make(value: float) -> Controller:
-        return ReferenceController(settings, law(value))
+        return PublishedController(settings, law(value))
 
     best = bench.best({value: partial(make, value) for value in values})
     return partial(make, best), best
