@@ -145,7 +145,7 @@ def line(
 
 
 def _between(position: FloatArray, steps: FloatArray, places: FloatArray) -> FloatArray:
-    """Positions between ticks, by a cubic with their velocities, a tick: SciPy takes seconds to load on a busy host."""
+    """Positions between ticks, by a cubic with their velocities; without SciPy, which a stop would have to load."""
     k = np.minimum(places.astype(int), len(position) - 2)
     u = places - k
     rise = position[k + 1] - position[k]

@@ -20,14 +20,10 @@ STAYS, OF_LAG = 4, 0.7  # rows of the voltage with one value, at least, and of t
 LONG = 20  # the same where nothing but the displacement speaks
 JUMP = 0.1  # of the span: by which the voltage enters or leaves them within a row
 ASKED = 8  # such places, those with the largest jumps
-AROUND, NEAR = (
-    4000,
-    0.12,
-)  # rows on either side that a place is compared with; of a stroke, that a line goes on beyond them
-BETTER, CLEAR = (
-    2.0,
-    3.0,
-)  # times smaller is the error with a line in their place, and times larger than elsewhere without
+AROUND = 4000  # rows on either side that a place is compared with
+NEAR = 0.12  # of a stroke: that a line goes on beyond them
+BETTER = 2.0  # times smaller is the error with a line in their place,
+CLEAR = 3.0  # and times larger than elsewhere without
 LEAST = 0.02  # of the stroke: that error
 NO_LAGS = 0.0  # rows of a stroke: by lags, smooth motion does not say what a jump does
 FRO, SLOWLY = 0.25, 0.25  # of the stroke, and of a stroke's rows: the displacement goes to and fro as in motion
