@@ -178,7 +178,7 @@ def test_a_motion_that_is_stopped_rests_on_its_way(tmp_path: Path) -> None:
         while axes.at("z") < 1.0:
             time.sleep(0.001)
         assert axes.stop("z") is going
-        assert axes.stop("z") is going  # again
+        assert axes.stop("z") in (going, None)  # again; None: it rests by now
         made = going.result(timeout=60.0)
         assert made.stopped is not None
         assert 1.0 <= made.desired[made.stopped] <= made.desired[-1] < 15.0

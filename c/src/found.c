@@ -467,7 +467,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
         .burst = staged ? 0 : burst_of(c),
         .loudest = loudest_load(c, whole),
         .least = ts_power_of_hum(c),
-        .noise = c->law.kalman.sigma * c->law.kalman.sigma,
+        .noise = s->resonance > 0 ? 0 : c->law.kalman.sigma * c->law.kalman.sigma, /* where f0 is given windows begin about it */
         .expected = ends && expected_of_plays(c, expected) ? expected : NULL,
     };
     bool unknown = !staged && !is_given(c);

@@ -267,20 +267,20 @@ static bool solve(ts_real (*N)[TS_RESONANCE], ts_real *c)
     return c[1] > 0;
 }
 
-/* The coefficients c without so much noise of a measurement, um^2, in the products N; false: they have less. */
-static bool solve_without(const ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real noise, ts_real *c)
+/* The coefficients c without so much noise of a measurement, um^2, in the products of what is measured; false: they have less. */
+static bool solve_without(const ts_resonance *r, const ts_real *products, ts_real noise, ts_real *c)
 {
     ts_real M[TS_RESONANCE][TS_RESONANCE] = {{0}}, all = noise * (ts_real)r->window;
     const ts_real *of_noise = r->of_noise;
     for (int i = BAND; i <= LOW; i++)
-        for (int j = BAND; j <= i; j++) M[i][j] = N[i][j] - all * *of_noise++;
+        for (int j = BAND; j <= i; j++) M[i][j] = *products++ - all * *of_noise++;
     return solve(M, c) && M[LOW][LOW] > 0;
 }
 
 /* The same without noise of a measurement, which behind the band is like ringing at its centre: the more of it, the nearer to that is
  * the estimate. No more than `most`, um^2, or the residual `left` shows, and half of what the products can have: near that the
  * coefficients are anything. */
-static bool without_noise(const ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real most, ts_real left, ts_real *c)
+static bool without_noise(const ts_resonance *r, const ts_real *products, ts_real most, ts_real left, ts_real *c)
 {
     const ts_real v[TS_MEASURED] = {c[0], c[1], c[2], 1}, *of_noise = r->of_noise;
     ts_real of_one = 0, seen = r->fourth / (OF_FOURTH * (ts_real)r->window), noise = seen * seen < most ? seen * seen : most;
@@ -288,8 +288,8 @@ static bool without_noise(const ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_
         for (int j = 0; j <= i; j++) of_one += (ts_real)(j < i ? 2 : 1) * (v[i] * v[j]) * *of_noise++;
     of_one *= (ts_real)r->window;
     if (left < noise * of_one) noise = left / of_one;
-    for (int i = 0; i < HALVINGS && !solve_without(r, N, noise, c); i++) noise /= 2;
-    return solve_without(r, N, noise / 2, c);
+    for (int i = 0; i < HALVINGS && !solve_without(r, products, noise, c); i++) noise /= 2;
+    return solve_without(r, products, noise / 2, c);
 }
 
 /* How far the resonance moves, over it, where the hysteresis is that of fewer plays, which N is without; at most 1. */
@@ -327,11 +327,11 @@ static ts_real correct(const ts_resonance *r, const ts_real *c, ts_real lowest, 
 static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real lowest, ts_confidence as)
 {
     ts_window w = {0};
-    ts_real fewer[TS_RESONANCE][TS_RESONANCE], measured[TS_RESONANCE][TS_RESONANCE], c[3], derivative[3] = {0};
+    ts_real fewer[TS_RESONANCE][TS_RESONANCE], measured[TS_PACKED(TS_MEASURED)], c[3], derivative[3] = {0};
     if (!eliminate(N, 0, COARSE)) return w;
     for (int i = BAND; i <= LOW; i++) memcpy(fewer[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
     if (!eliminate(N, COARSE, BAND)) return w;
-    for (int i = BAND; i <= LOW; i++) memcpy(measured[i] + BAND, N[i] + BAND, sizeof(ts_real) * (size_t)(i + 1 - BAND));
+    for (int i = 0; i < TS_MEASURED; i++) memcpy(measured + TS_PACKED(i), N[BAND + i] + BAND, sizeof(ts_real) * (size_t)(i + 1));
     ts_real plays = N[LOW][LOW];
     bool solved = solve(N, c);
     w.left = N[LOW][LOW];

@@ -468,7 +468,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     most, burst = guard.range * guard.range, burst_of(c) if path is None else 0.0
     ends = path is None and c.estimator.ends(noisy(c, law), most)  # with a stage in the model weights may go with it
     expected = expected_of_plays(c) if ends else None
-    motion, powers = (zdot_d, zdot_d - c.rate), (power_of_hum(c), loudest_load(c), law.sigma * law.sigma)
+    noise = 0.0 if c.members["resonance"] > 0 else law.sigma * law.sigma  # where f0 is given windows begin about it
+    motion, powers = (zdot_d, zdot_d - c.rate), (power_of_hum(c), loudest_load(c), noise)
     unknown = path is None and not c.is_given
     if unknown:
         try_candidate(c, z, zdot_d)
