@@ -35,7 +35,7 @@ from truestroke.control.reference.command import (
 from truestroke.control.reference.found import forget_stage
 from truestroke.control.reference.hum import Hum, subtracted
 from truestroke.control.reference.learned import keep_start
-from truestroke.control.reference.state import HISTORY, Command, Memory, State, kalman_settings, law_of
+from truestroke.control.reference.state import HISTORY, Command, Memory, State, StateShown, kalman_settings, law_of
 from truestroke.control.reference.terms import of_known_terms, remember_creep, remember_voltage
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings
 from truestroke.control.stage import strain_of
@@ -43,7 +43,7 @@ from truestroke.model.models import Motion, play_inverse
 from truestroke.model.operators import play
 
 
-class ReferenceController(Displayed):
+class ReferenceController(StateShown, Displayed):
     """`AdaptiveController` in NumPy, with any law.
 
     Parameters
@@ -283,29 +283,6 @@ class ReferenceController(Displayed):
         self._state.held = False
 
     @property
-    def weights(self) -> FloatArray:
-        """w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, shape (m,)."""
-        return np.array(self._state.law.weights)
-
-    @property
-    def partial_slopes(self) -> FloatArray:
-        """Slopes of the branches at the last rate, as the inverse used them, shape (n,), um/V."""
-        return self._state.slopes.copy()
-
-    @property
     def play_states(self) -> FloatArray:
         """Forward play states after the last command, shape (n,), V."""
         return self._state.now.play.copy()
-
-    @property
-    def innovation(self) -> float:
-        """e_m of (15) at the last measurement, um."""
-        return self._state.innovation
-
-    @property
-    def flag_bits(self) -> int:
-        """The flags of the last tick as a bit mask, in the order of `truestroke.base.flags`."""
-        c = self._state
-        adapted = (c.rejected, c.held, c.changed)
-        flags = (c.saturated, c.projected, *adapted, c.slewed, c.oscillating, c.restored)
-        return sum(1 << place for place, flag in enumerate(flags) if flag)

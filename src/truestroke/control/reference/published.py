@@ -2,19 +2,17 @@
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
-from truestroke.base.flags import BIT
-from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import Law
 from truestroke.control.reference.adapt import learn_otherwise
 from truestroke.control.reference.command import bounded, rate_dependent_slopes, within_limits
-from truestroke.control.reference.state import State
+from truestroke.control.reference.state import State, StateShown
 from truestroke.control.reference.terms import regressor, remember_voltage, through_dead_zones
 from truestroke.control.settings import ControllerSettings
 from truestroke.model.models import Motion, play_inverse
 from truestroke.model.operators import dot
 
 
-class PublishedController:
+class PublishedController(StateShown):
     """`ReferenceController` of `ControllerSettings.paper`, without the parts that these settings leave idle.
 
     The same bits in two thirds of the time or less, where each command is followed by its measurement.
@@ -76,25 +74,3 @@ class PublishedController:
             u = regressor(c, c.now, self._motion)  # (20)
             c.innovation = through_dead_zones(c, z) - float(dot(c.law.weights, u))  # (15)
             c.rejected = not learn_otherwise(c, u)  # (23)
-
-    @property
-    def weights(self) -> FloatArray:
-        """w = [a0, b0, a1, b1, ...] of (21), um/V, shape (m,)."""
-        return self._state.weights
-
-    @property
-    def partial_slopes(self) -> FloatArray:
-        """Slopes of the branches at the last rate, shape (n,), um/V."""
-        return self._state.slopes.copy()
-
-    @property
-    def innovation(self) -> float:
-        """e_m of (15) at the last measurement, um."""
-        return self._state.innovation
-
-    @property
-    def flag_bits(self) -> int:
-        """The flags of the last tick as a bit mask, in the order of `truestroke.base.flags`."""
-        c = self._state
-        flags = {"saturated": c.saturated, "projected": c.projected, "rejected": c.rejected, "slewed": c.slewed}
-        return sum(BIT[name] for name, flag in flags.items() if flag)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base.flags import BIT
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import RLS, BoundedKalman, FilteringLaw, KalmanSettings, Law
 from truestroke.control.controller import Counters
@@ -256,3 +257,29 @@ class State:
     def is_given(self) -> bool:
         """Whether the dynamics of the settings are in use."""
         return self.members["dynamics.known"] and not self.stage.found
+
+
+class StateShown:
+    """What a controller in NumPy shows of its state."""
+
+    _state: State
+
+    @property
+    def weights(self) -> FloatArray:
+        """w = [a0, b0, a1, b1, ...] of (21), um/V, and those of the other terms, shape (m,)."""
+        return self._state.weights
+
+    @property
+    def partial_slopes(self) -> FloatArray:
+        """Slopes of the branches at the last rate, as the inverse used them, shape (n,), um/V."""
+        return self._state.slopes.copy()
+
+    @property
+    def innovation(self) -> float:
+        """e_m of (15) at the last measurement, um."""
+        return self._state.innovation
+
+    @property
+    def flag_bits(self) -> int:
+        """The flags of the last tick as a bit mask, in the order of `truestroke.base.flags`."""
+        return sum(bit for name, bit in BIT.items() if getattr(self._state, name))
