@@ -654,5 +654,17 @@ def test_the_kernel_is_the_numpy_text_in_a_loop_that_is_late(f0: float, ticks: i
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     volts, of_text = (run(wave, controller, StagePlant(late, seed=1))["volts"] for controller in (kernel, text))
     assert volts.tolist() == of_text.tolist()
-    assert kernel.state()["feedback_damping"][-1] == DRIVES
+    assert kernel.state()["feedback_damping"][9] == DRIVES
     assert kernel.state()["found_dead"] > 1
+
+
+def test_a_ringing_far_above_the_limit_of_the_damping_is_damped_to_its_end() -> None:
+    """A load of 1.3 strokes. The damping counts its swings, which become smaller, as it did where a late loop is driven."""
+    wide = {"voltage_limits": (-30.0, 40.0)}
+    knocked = dataclasses.replace(LATE, **wide, resonances=(300.0,), dampings=(0.003,), load=-30.0, load_time=0.3)
+    wave = sine(frequency=30.0, peak_to_peak=8.0, offset=12.0, duration=0.5, sample_rate=10_000.0)
+    settings = ControllerSettings(**KNOWN | wide, resonance=300.0)
+    kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    volts, of_text = (run(wave, controller, StagePlant(knocked, seed=1))["volts"] for controller in (kernel, text))
+    assert volts.tolist() == of_text.tolist()
+    assert kernel.state()["feedback_damping"][9] < DRIVES

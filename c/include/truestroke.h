@@ -475,6 +475,7 @@ typedef struct {
     ts_real state[TS_FEEDBACKS][2];   /* um */
     ts_real damping[5], damped[2];    /* Kalman: b0, b1, b2, a1, a2 of what damps a stage that was found, and its states, um */
     ts_real side, since, swings;      /* of the damping: where it was large last, -1 or 1, ticks since it turned there, swings in a row */
+    ts_real peak, first;              /* of the damping, um: the largest of this swing, and of the first one that counts */
     ts_real sum;                      /* um */
     ts_real alarms;                   /* Kalman: sudden changes per second, over the last tenth of one */
     bool paused;                      /* while there are many: the model is not yet, or no longer, what the margins count with */

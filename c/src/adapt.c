@@ -13,7 +13,8 @@
 #define DAMPS_MOST ((ts_real)0.1) /* of the stroke: what the active damping adds to the command */
 #define LARGE_SWING ((ts_real)0.5) /* of that: so much to one side, and to the other one */
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
-#define DRIVES 8                  /* and so many of them in a row drive the stage */
+#define DRIVES 8                  /* and so many of them in a row drive the stage, */
+#define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
 
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
@@ -282,8 +283,18 @@ static ts_real pass_biquad(const ts_real *q, ts_real *x, ts_real error)
     return y;
 }
 
+/* A swing of the active damping is over, or none came. So many in a row drive the stage, unless they become smaller: the damping has
+ * its limit, and what rings far above it takes many swings to end. */
+static void count_swing(ts_feedback_state *b, bool late)
+{
+    b->swings = late ? 0 : b->swings + 1;
+    if (b->swings >= DRIVES && b->peak < SHRINKS * b->first) b->swings = 2;
+    if (b->swings == 2) b->first = b->peak; /* the one before began with the ringing, anywhere in a swing */
+    b->peak = 0;
+}
+
 /* One tick of the active damping, um. Where the loop is later than the model knows, it drives what it should damp, up to its limit: from
- * then on there is none. What it does damp is smaller in each swing. */
+ * then on there is none. */
 static ts_real damp_ringing(ts_controller *c, ts_real error)
 {
     ts_feedback_state *b = &c->feedback;
@@ -292,10 +303,10 @@ static ts_real damp_ringing(ts_controller *c, ts_real error)
     if (b->swings >= DRIVES) return 0;
     b->since += 1;
     bool late = b->since * c->stage.resonance > HALF_WAVE, turns = side * b->side < 0;
-    if (late) b->swings = 0;
-    else if (turns) b->swings += 1;
+    if (late || turns) count_swing(b, late);
     if (turns || (size_of(side) > size_of(b->side))) b->since = 0;
     if (size_of(side) > 0) b->side = side;
+    if (size_of(sum) > b->peak) b->peak = size_of(sum);
     return within(sum, -most, most);
 }
 

@@ -189,7 +189,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_alarms", &c.feedback.alarms, 1);
     visit("feedback_paused", &c.feedback.paused, 1);
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
-    visit("feedback_damping", &c.feedback.damping[0], 10);
+    visit("feedback_damping", &c.feedback.damping[0], 12);
     visit("hum", &c.hum.turn[0][0], offsetof(ts_hum_state, ear) / sizeof(ts_real));
     for (int i = 0; i < TS_EARS; i++) {
         visit(("ear_" + std::to_string(i)).c_str(), &c.hum.ear[i].centre, 1 + offsetof(ts_tone, block) / sizeof(ts_real));

@@ -28,7 +28,8 @@ LATER = 1.2  # of the resonance that was found: a third pole of the law, where i
 DAMPS_MOST = 0.1  # of the stroke: what the active damping adds to the command
 LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
-DRIVES = 8  # and so many of them in a row drive the stage
+DRIVES = 8  # and so many of them in a row drive the stage,
+SHRINKS = 0.75  # where the last one is not smaller than this times the first one
 
 
 def measure(c: State, z: float) -> bool:
@@ -129,11 +130,25 @@ def pass_biquad(coefficients: Sequence[float], x: list[float], error: float) -> 
     return y
 
 
+def count_swing(c: State, late: bool) -> None:
+    """A swing of the active damping is over, or none came.
+
+    So many in a row drive the stage, unless they become smaller: the damping has its limit, and what rings far above it
+    takes many swings to end.
+    """
+    c.swings = 0 if late else c.swings + 1
+    if c.swings >= DRIVES and c.peak < SHRINKS * c.first_peak:
+        c.swings = 2
+    if c.swings == 2:
+        c.first_peak = c.peak  # the one before began with the ringing, anywhere in a swing
+    c.peak = 0.0
+
+
 def damp_ringing(c: State, error: float) -> float:
     """One tick of the active damping, um, before its limit.
 
     Where the loop is later than the model knows, it drives what it should damp, up to its limit: from then on there is
-    none. What it does damp is smaller in each swing.
+    none.
     """
     total, large = pass_biquad(c.damping, c.damped, error), LARGE_SWING * DAMPS_MOST * c.settings.stroke
     side = int(total > large) - int(total < -large)
@@ -141,10 +156,12 @@ def damp_ringing(c: State, error: float) -> float:
         return 0.0
     c.since_swing += 1
     late, turns = c.since_swing * c.stage.resonance > HALF_WAVE, side * c.side < 0
-    c.swings = 0 if late else c.swings + turns
+    if late or turns:
+        count_swing(c, late)
     if turns or abs(side) > abs(c.side):
         c.since_swing = 0
     c.side = side or c.side
+    c.peak = max(c.peak, abs(total))
     return total
 
 

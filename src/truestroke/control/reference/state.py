@@ -205,6 +205,7 @@ class State:
         self.hum = Hum()
         self.damping, self.damped = [0.0] * 5, [0.0, 0.0]  # filter that damps a stage that was found, its states, um
         self.side = self.since_swing = self.swings = 0  # where it was large last, ticks since it turned there, swings
+        self.peak = self.first_peak = 0.0  # largest of this swing, um, and of the first one that counts
         self.bumpless = self.integral = self.innovation = 0.0  # um
         self.handed = 0.0  # um: learned, not yet in the command, but in the feedback, which hands it over
         self.z_before = self.predicted_before = 0.0  # um: the last new measurement, the model's value then
