@@ -444,6 +444,7 @@ typedef struct {
     ts_real tap[TS_TAPS];             /* A G = q^-dead (sum of tap[i] q^-i + sum of the first `others` sections rest[i]), which does */
     int others;                       /* not resonate */
     ts_real rest[TS_SECTIONS][4];     /* b0, b1, a1, a2, as above */
+    ts_real amplifier;                /* share of the last tick's voltage that the amplifier's lag keeps; 0: none. It is before the hysteresis */
     ts_real lead[2];                  /* s, s^2: 1 / G without the sensor, for slow motion, is 1 + lead[0] s + lead[1] s^2 */
     ts_real sensor[2];                /* s, s^2: a slow motion is measured as 1 + sensor[0] s + sensor[1] s^2 times it */
 } ts_dynamics;

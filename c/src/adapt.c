@@ -320,14 +320,12 @@ static void feed_back(ts_controller *c, ts_real error)
         b->sum = damp_ringing(c, error);
         return;
     }
-    if (f->filters && c->settings->oscillation.tick > 0 && pauses(c)) {
-        memset(b->state, 0, sizeof b->state);
-        b->sum = 0;
-        return;
-    }
-    ts_real sum = 0;
-    for (int i = 0; i < f->filters; i++) sum += pass_biquad(f->filter[i], b->state[i], error);
-    b->sum = within(sum, -f->most, f->most);
+    bool waits = f->filters && c->settings->oscillation.tick > 0 && pauses(c);
+    ts_real sum = 0, kept = c->settings->dynamics.amplifier;
+    if (waits) memset(b->state, 0, sizeof b->state);
+    for (int i = 0; !waits && i < f->filters; i++) sum += pass_biquad(f->filter[i], b->state[i], error);
+    sum = within(sum, -f->most, f->most);
+    b->sum = kept > 0 ? sum + kept * (b->sum - sum) : sum; /* its margins are those behind the amplifier, whose lag the command undoes */
 }
 
 /* A tick for which no measurement came. */

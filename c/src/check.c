@@ -103,7 +103,7 @@ static ts_status check_kalman(const ts_settings *s)
 static ts_status check_dynamics(const ts_dynamics *d)
 {
     bool good = d->sections >= 0 && d->sections <= TS_SECTIONS && d->others >= 0 && d->others <= TS_SECTIONS && d->modes >= 0 && d->modes <= TS_SECTIONS && d->dead >= 0
-                && d->dead < TS_HISTORY / 2 && bounded(d->lead[0]) && bounded(d->lead[1])
+                && d->dead < TS_HISTORY / 2 && d->amplifier >= 0 && d->amplifier < 1 && bounded(d->lead[0]) && bounded(d->lead[1])
                 && bounded(d->sensor[0]) && bounded(d->sensor[1]);
     if (!good || (d->known && !(d->first > 0 && d->first < 1))) return TS_BAD_DYNAMICS;
     for (int i = 0; i < d->sections; i++) good = good && stable_section(d->section[i]);
@@ -175,7 +175,7 @@ static bool same_dynamics(const ts_dynamics *a, const ts_dynamics *b)
                 && a->modes == b->modes;
     return same && equal(&a->mode[0][0], &b->mode[0][0], 5 * TS_SECTIONS) && equal(&a->section[0][0], &b->section[0][0], 4 * TS_SECTIONS) && equal(a->direct, b->direct, 3)
            && equal(a->notch, b->notch, 3) && equal(a->quiet, b->quiet, 3) && equal(a->tap, b->tap, TS_TAPS) && equal(&a->rest[0][0], &b->rest[0][0], 4 * TS_SECTIONS)
-           && equal(a->lead, b->lead, 2) && equal(a->sensor, b->sensor, 2);
+           && equal(&a->amplifier, &b->amplifier, 1) && equal(a->lead, b->lead, 2) && equal(a->sensor, b->sensor, 2);
 }
 
 static bool same_prior(const ts_settings *a, const ts_settings *b)

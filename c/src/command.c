@@ -83,7 +83,7 @@ bool ts_rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
 static ts_real within_limits(ts_controller *c, ts_real x)
 {
     const ts_settings *s = c->settings;
-    ts_real last = c->now.play[0];
+    ts_real last = c->counters.commands > 0 ? c->x[last_slot(c)] : c->now.play[0];
     bool number = x == x;
     if (!number) x = last;
     c->flags.slewed = x > last + s->slew || x < last - s->slew;
@@ -170,7 +170,7 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     ts_real known = ts_of_known_terms(c, &d);
     c->y_d = ts_wanted_of_plays(c, &d, known);
     c->flags.projected = ts_rate_dependent_slopes(c, zdot_d);
-    *volts = within_limits(c, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays));
+    *volts = within_limits(c, ts_before_amplifier(&c->now, s, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays)));
     ts_remember_voltage(&c->now, s, *volts);
     c->bumpless *= c->stage.smoothing;
     c->handed *= 1 - s->dynamics.first / HANDS_OVER;

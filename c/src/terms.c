@@ -30,8 +30,23 @@ void ts_remember_creep(ts_memory *memory, const ts_settings *s)
     for (int i = 0; i < s->terms[TS_CREEP]; i++) memory->creep[i] += s->creep[i] * (memory->play[0] - memory->creep[i]);
 }
 
+/* The output of the amplifier after a tick with the voltage x, V. */
+static ts_real behind_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x)
+{
+    ts_real kept = s->dynamics.amplifier;
+    return kept > 0 ? x + kept * (memory->play[0] - x) : x;
+}
+
+/* The voltage for a tick after which the output of the amplifier is x, V. */
+ts_real ts_before_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x)
+{
+    ts_real kept = s->dynamics.amplifier;
+    return kept > 0 ? x + kept / (1 - kept) * (x - memory->play[0]) : x;
+}
+
 void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 {
+    x = behind_amplifier(memory, s, x);
     ts_play_bank(x, s->thresholds, memory->play, s->plays);
     memory->ticks++;
 }

@@ -596,7 +596,7 @@ class ActuatorModel(Displayed, Layout):
         known = self.stage(fs) if desired.size else None
         z_d = desired - zero
         if known is not None:
-            z_d, velocity = stage.strain(known, z_d), None
+            z_d, velocity = stage.strain(known, z_d, amplifier=True), None
         rate = central_difference(z_d, fs) if velocity is None else checks.finite_array("velocity", velocity, "um/s")
         volts = self._voltage(self._without_creep(z_d, fs, limits, resting_time(rest)), rate, fs, limits, slew_limit)
         if checks.flag("warn", warn) and reach.at_a_limit(volts, fs, limits, slew_limit):

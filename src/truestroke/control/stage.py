@@ -1,6 +1,6 @@
 """The stage's dynamics as the controller uses them: coefficients for the kernel, the strain that a motion needs.
 
-The voltage acts through the hysteresis on the strain, the strain through the stage G on the displacement. Three things
+The voltage acts through the hysteresis on the strain, the strain through the stage G on the displacement. Four things
 follow from G, of `model.dynamics.Dynamics`:
 
 - *The command* asks the hysteresis for the strain G^-1 z_d in place of z_d: `strain` where the motion is known ahead,
@@ -8,6 +8,8 @@ follow from G, of `model.dynamics.Dynamics`:
 - *Adaptation* passes the regressor through A G and the measurement through A, so that both stay in their linear
   relation. A has its zeros at the poles of the modes; without it the law would learn little but the resonance. A
   further mode keeps a damping of 0.3: one that has moved costs a factor of a few, not of a hundred.
+- *The lag of the amplifier* is before the hysteresis. There a voltage that leads undoes it to the end of each tick; G
+  is without it. Behind the hysteresis it would be undone for a sine, not for the corners of the plays.
 - *The innovation*, from which the noise and spikes are taken, is the measurement less what G gives for the strain of
   the model.
 
@@ -18,6 +20,7 @@ fitted to it, which is the same to 1e-9.
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -70,6 +73,9 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
     (2, [-1.794, 0.983])
     """
     sections, dead, f, q, G = _sampled(dynamics)
+    kept = kept_by_amplifier(dynamics)
+    if kept > 0:
+        sections, G = _sections(replace(dynamics, amplifier_bandwidth=0.0)), G * _undone(kept, q)
     a1, a2 = sections[0]
     notch = np.array([1.0, a1, a2]) / (1 + a1 + a2)
     A, others, modes = _polynomial(notch, q), sections[1:], []
@@ -98,7 +104,8 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
         "dynamics.tap": tap,
         "dynamics.others": len(rest),
         "dynamics.rest": rest,
-        "dynamics.lead": _expansion(1 / dynamics.response(_slow(dynamics)), dynamics),
+        "dynamics.amplifier": kept,
+        "dynamics.lead": _expansion(1 / of_strain(dynamics, _slow(dynamics)), dynamics),
         "dynamics.sensor": _expansion(
             dynamics.response(_slow(dynamics), sensor=True) / dynamics.response(_slow(dynamics)), dynamics
         ),
@@ -107,7 +114,7 @@ def members(dynamics: Dynamics) -> dict[str, Any]:
 
 NOT_KNOWN: dict[str, Any] = {
     "dynamics.known": False,
-    "dynamics.first": 0.0,
+    **dict.fromkeys(("dynamics.first", "dynamics.amplifier"), 0.0),
     **dict.fromkeys(("dynamics.sections", "dynamics.dead", "dynamics.modes", "dynamics.others"), 0),
     **{
         f"dynamics.{name}": []
@@ -195,6 +202,7 @@ def found(frequency: float, tick: float, dead: int = 1) -> dict[str, Any]:
         "dynamics.tap": [b0 / still, b1 / still, b2 / still, 0.0, 0.0],
         "dynamics.others": 0,
         "dynamics.rest": [],
+        "dynamics.amplifier": 0.0,
         "dynamics.lead": [
             2 * FOUND_DAMPING / w0 + first * tick,
             1 / (w0 * w0) + first * (2 * FOUND_DAMPING * tick / w0) + second * (tick * tick),
@@ -211,6 +219,25 @@ def _sampled(
     f = (np.arange(POINTS) + 0.5) / POINTS * dynamics.sample_rate / 2
     q = np.exp(-2j * math.pi * f / dynamics.sample_rate)
     return _sections(dynamics), dead, f, q, dynamics.response(f, sensor=True) / q**dead
+
+
+def kept_by_amplifier(dynamics: Dynamics) -> float:
+    """Share of the voltage of the last tick that the lag of the amplifier keeps; 0: it has none."""
+    corner = dynamics.amplifier_bandwidth
+    return math.exp(-2 * math.pi * corner / dynamics.sample_rate) if corner else 0.0
+
+
+def _undone(kept: float, q: ComplexArray) -> ComplexArray:
+    """From the voltage of the stack at the end of a tick to that of the amplifier's input in it, at q = exp(-j w T)."""
+    return (1 - kept * q) / (1 - kept)
+
+
+def of_strain(dynamics: Dynamics, frequency: FloatArray, *, amplifier: bool = False) -> ComplexArray:
+    """From the strain at the end of a tick to the displacement: G, or G without the lag of the amplifier."""
+    found, kept = dynamics.response(frequency), kept_by_amplifier(dynamics)
+    if kept > 0 and not amplifier:
+        found *= _undone(kept, np.exp(-2j * math.pi * frequency / dynamics.sample_rate))
+    return found
 
 
 def through(dynamics: Dynamics, strain: FloatArray) -> FloatArray:
@@ -328,7 +355,7 @@ def strain_of(dynamics: Dynamics | None, position: FloatArray) -> FloatArray | N
     return None if dynamics is None else strain(dynamics, position)
 
 
-def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
+def strain(dynamics: Dynamics, position: FloatArray, *, amplifier: bool = False) -> FloatArray:
     """The strain G^-1 z_d that the hysteresis should give so that the stage moves as desired.
 
     The whole motion is known: the inverse looks ahead, by as much as the stage is late. Frequencies above 2.5 first
@@ -341,6 +368,8 @@ def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
         Of the stage, with the sample rate of the motion.
     position : ndarray, shape (ticks,)
         Desired displacement z_d, um; at rest before the first tick.
+    amplifier : bool
+        Whether its lag is in G. If not, the strain is that at the end of each tick, and the voltage undoes the lag.
 
     Returns
     -------
@@ -360,13 +389,15 @@ def strain(dynamics: Dynamics, position: FloatArray) -> FloatArray:
     """
     *wider, narrowest = INVERTED
     for bounds in wider:
-        found = strain_within(dynamics, position, bounds)
+        found = strain_within(dynamics, position, bounds, amplifier=amplifier)
         if np.ptp(found) <= AMPLE * np.ptp(position):
             return found
-    return strain_within(dynamics, position, narrowest)
+    return strain_within(dynamics, position, narrowest, amplifier=amplifier)
 
 
-def strain_within(dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float]) -> FloatArray:
+def strain_within(
+    dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float], *, amplifier: bool = False
+) -> FloatArray:
     """`strain` with these bounds, in first resonances."""
     rate = dynamics.sample_rate
     quiet = round(QUIET * rate)
@@ -378,7 +409,7 @@ def strain_within(dynamics: Dynamics, position: FloatArray, bounds: tuple[float,
     spectrum = np.fft.rfft(extended)
     del extended  # of a long scan some ten MB, as each of those here
     for start in range(0, spectrum.size, KEPT):
-        spectrum[start : start + KEPT] *= _inverse(*known, size, bounds, start)
+        spectrum[start : start + KEPT] *= _inverse(*known, size, bounds, start, amplifier=amplifier)
     return np.fft.irfft(spectrum, size)[quiet : quiet + position.size].copy()  # without what is around it
 
 
@@ -391,6 +422,8 @@ def _inverse(
     size: int,
     bounds: tuple[float, float],
     start: int,
+    *,
+    amplifier: bool,
 ) -> ComplexArray:
     """1 / G of these dynamics at frequencies of so many ticks, from one on, 0 where it is left out."""
     dynamics = Dynamics(sample_rate=rate, modes=modes, amplifier_bandwidth=bandwidth, dead_time=dead_time)
@@ -400,7 +433,7 @@ def _inverse(
     passed = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - low) / (high - low), 0.0, 1.0))
     inverse = np.zeros_like(passed, dtype=complex)
     inside = passed > 0
-    inverse[inside] = passed[inside] / dynamics.response(f[inside])
+    inverse[inside] = passed[inside] / of_strain(dynamics, f[inside], amplifier=amplifier)
     inverse.flags.writeable = False
     return inverse
 

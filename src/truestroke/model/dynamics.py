@@ -114,7 +114,7 @@ class Dynamics(Displayed):
     modes : tuple of Mode
         One to three, with ascending frequencies below 0.45 of the sample rate; their shares sum to 1.
     amplifier_bandwidth : float
-        Corner f_a of the amplifier's first-order lag, Hz; 0 is none.
+        Corner f_a of the amplifier's first-order lag, Hz; 0 is none. It acts on the voltage, before the hysteresis.
     dead_time : float
         Between command and displacement, s, of any fraction of a tick, from -0.5 to 20 ticks. -0.5 is a measurement
         that is sampled at the end of its tick; between -0.5 and 0 it is the mean over the last part of the tick.

@@ -170,16 +170,18 @@ def feed_back(c: State, error: float) -> None:
 
     Its margins are those of the stage that was given: one that was found is damped.
     """
-    total, tick, most = 0.0, c.oscillation.tick, c.members["feedback.most"]
+    total, tick, most, kept = 0.0, c.oscillation.tick, c.members["feedback.most"], c.members["dynamics.amplifier"]
     if c.stage.found:
         c.feedback_states = [[0.0, 0.0] for _ in c.feedback_states]
-        total, most = damp_ringing(c, error), DAMPS_MOST * c.settings.stroke
+        total, most, kept = damp_ringing(c, error), DAMPS_MOST * c.settings.stroke, 0.0
     elif c.members["feedback.filter"] and tick > 0 and pauses(c, tick):
         c.feedback_states = [[0.0, 0.0] for _ in c.feedback_states]
     else:
         for coefficients, x in zip(c.members["feedback.filter"], c.feedback_states, strict=False):
             total += pass_biquad(coefficients, x, error)
-    c.feedback = min(max(total, -most), most)
+    total = min(max(total, -most), most)
+    # its margins are those behind the amplifier, whose lag the command undoes
+    c.feedback = total + kept * (c.feedback - total) if kept > 0 else total
 
 
 def is_beyond(c: State, command: Command, z: float) -> bool:

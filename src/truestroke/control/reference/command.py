@@ -92,7 +92,8 @@ def sum_of_plays(c: State) -> float:
 
 def within_limits(c: State, x: float) -> float:
     """The output voltage: within the slew of the last one, and within the limits, whatever x is."""
-    (low, high), last, slew = c.settings.voltage_limits, float(c.now.play[0]), c.members["slew"]
+    (low, high), slew = c.settings.voltage_limits, c.members["slew"]
+    last = c.last.x if c.counters["commands"] > 0 else float(c.now.play[0])
     number = not math.isnan(x)
     if not number:
         x = last

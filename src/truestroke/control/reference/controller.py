@@ -36,7 +36,7 @@ from truestroke.control.reference.found import forget_stage
 from truestroke.control.reference.hum import Hum, subtracted
 from truestroke.control.reference.learned import keep_start
 from truestroke.control.reference.state import HISTORY, Command, Memory, State, StateShown, kalman_settings, law_of
-from truestroke.control.reference.terms import of_known_terms, remember_creep, remember_voltage
+from truestroke.control.reference.terms import before_amplifier, of_known_terms, remember_creep, remember_voltage
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings
 from truestroke.control.stage import strain_of
 from truestroke.model.models import Motion, play_inverse
@@ -217,7 +217,8 @@ class ReferenceController(StateShown, Displayed):
         known = of_known_terms(c, motion)
         y_d = wanted(c, motion) - known  # (11)
         c.slopes, c.projected = rate_dependent_slopes(c, zdot_d)  # (7)
-        x = within_limits(c, play_inverse(y_d, c.slopes, c.thresholds, c.now.play))  # (12)
+        x = play_inverse(y_d, c.slopes, c.thresholds, c.now.play)  # (12)
+        x = within_limits(c, before_amplifier(c, c.now, x))
         remember_voltage(c, c.now, x)  # (1)
         c.bumpless *= c.stage.smoothing
         c.handed *= 1 - c.members["dynamics.first"] / HANDS_OVER

@@ -26,9 +26,21 @@ def remember_creep(c: State, memory: Memory) -> None:
     memory.creep = creep_step(memory.creep, memory.play[0], c.creep_rates)
 
 
+def behind_amplifier(c: State, memory: Memory, x: float) -> float:
+    """The output of the amplifier after a tick with the voltage x, V."""
+    kept = c.members["dynamics.amplifier"]
+    return float(x + kept * (memory.play[0] - x)) if kept > 0 else x
+
+
+def before_amplifier(c: State, memory: Memory, x: float) -> float:
+    """The voltage for a tick after which the output of the amplifier is x, V."""
+    kept = c.members["dynamics.amplifier"]
+    return float(x + kept / (1 - kept) * (x - memory.play[0])) if kept > 0 else x
+
+
 def remember_voltage(c: State, memory: Memory, x: float) -> None:
-    """(1): the play states under the voltage x, V."""
-    memory.play = play(x, c.thresholds, memory.play)
+    """(1): the play states after a tick with the voltage x, V."""
+    memory.play = play(behind_amplifier(c, memory, x), c.thresholds, memory.play)
     memory.ticks += 1
 
 
