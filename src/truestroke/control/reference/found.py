@@ -358,7 +358,7 @@ def matters(c: State) -> bool:
         if not failing and stage.doubted < LASTS:
             return False
         away, least = known.known / c.members["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
-        large = DOUBT * guard.range
+        large = (LOUD if away > MAY_BE_SECOND - 1 else DOUBT) * guard.range
         return away * away > least * least and known.power > large * large and known.driven > DRIVEN_ALONE
     least, large = noisy(c, law), DOUBT * c.kept.guard.range
     fast, worse = known.motion > SLOWEST * known.known, abs(c.candidate.worse / known.known - 1) < TRIED
