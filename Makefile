@@ -37,7 +37,7 @@ $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	  $(PIP) --no-compile cmake ninja $$($(BIN)/python -c '$(BUILT_WITH)') && \
 	  $(PIP) --no-compile --no-deps --no-build-isolation --editable . && \
 	  $(PIP) --no-compile truestroke && \
-	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib || true; } && \
+	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib src || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 

@@ -199,31 +199,35 @@ def test_a_sensor_that_repeats_a_number_is_still_noticed() -> None:
     assert controller.counters.rejected > 1000
 
 
+SLOW = {"sample_rate": 2500.0}  # what the law hears takes as many seconds at each rate, and here a quarter of the ticks
+
+
 @pytest.mark.parametrize(
     ("f0", "given"),
     [
-        (300.0, {"hum": LINE}),
-        (120.0, {"hum": 50.0}),
-        (300.0, {"hum": 50.0, "resonance": 300.0}),
+        (300.0, {"hum": LINE} | SLOW),
+        (120.0, {"hum": 50.0} | SLOW),
+        (300.0, {"hum": 50.0, "resonance": 300.0} | SLOW),
         (300.0, {"hum": (LINE, 142.0), "dynamics": stage(300.0, 0.0).dynamics()}),
-        (300.0, {"hum": LINE, "dynamics": stage(300.0, 0.0).dynamics(), "feedback": False}),
+        (300.0, {"hum": LINE, "dynamics": stage(300.0, 0.0, **SLOW).dynamics(), "feedback": False} | SLOW),
     ],
 )
 def test_the_kernel_has_the_bits_of_the_numpy_text(f0: float, given: dict[str, object]) -> None:
     """Past the first 0.25 s, where the command begins to subtract it; measurements are missing."""
-    settings = ControllerSettings(**AXIS, **given)
-    wave = trajectories.sine(frequency=8.0, peak_to_peak=12.0, offset=10.0, duration=0.6, sample_rate=10_000.0)
-    with_the_same_bits(settings, stage(f0, 0.3), wave, ticks=4200, missing=97)
+    settings = ControllerSettings(**AXIS | given)
+    rate = settings.sample_rate
+    wave = trajectories.sine(frequency=8.0, peak_to_peak=12.0, offset=10.0, duration=0.6, sample_rate=rate)
+    with_the_same_bits(settings, stage(f0, 0.3, sample_rate=rate), wave, ticks=round(0.42 * rate), missing=97)
 
 
 def test_lines_that_are_added_while_a_load_is_heard_have_the_bits_of_the_numpy_text() -> None:
-    settings = ControllerSettings(resonance=300.0, **AXIS)
+    settings = ControllerSettings(resonance=300.0, **AXIS | SLOW)
     controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant = StagePlant(stage(300.0, 0.3), seed=1)
+    plant = StagePlant(stage(300.0, 0.3, **SLOW), seed=1)
     plant.open()
-    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=10_000.0)
-    for k, z_d in enumerate(wave.position[:10_500].tolist()):
-        if k == 9500:
+    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, **SLOW)
+    for k, z_d in enumerate(wave.position[:2625].tolist()):
+        if k == 2375:
             assert controller.load[1] > 0
             controller.change(hum=50.0)
             text.change(hum=50.0)
@@ -312,12 +316,18 @@ def test_the_verdict_of_one_axis_of_several_names_its_load(by_name: bool) -> Non
 
 @pytest.mark.parametrize(
     ("f0", "given"),
-    [(1200.0, {}), (300.0, {"resonance": 300.0}), (300.0, {"dynamics": stage(300.0, 0.0).dynamics()})],
+    [
+        (1200.0, {}),
+        (300.0, {"resonance": 300.0} | SLOW),
+        (300.0, {"dynamics": stage(300.0, 0.0, **SLOW).dynamics()} | SLOW),
+    ],
 )
 def test_the_kernel_hears_with_the_bits_of_the_numpy_text(f0: float, given: dict[str, object]) -> None:
-    settings = ControllerSettings(**AXIS, **given)
-    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=10_000.0)
-    controller = with_the_same_bits(settings, stage(f0, 0.3), wave, ticks=9500, missing=1397)
+    settings = ControllerSettings(**AXIS | given)
+    rate = settings.sample_rate
+    wave = trajectories.sine(frequency=3.0, peak_to_peak=12.0, offset=10.0, duration=1.2, sample_rate=rate)
+    shaken = stage(f0, 0.3, sample_rate=rate)
+    controller = with_the_same_bits(settings, shaken, wave, ticks=round(0.95 * rate), missing=1397)
     assert controller.load[0] == pytest.approx(LINE, abs=1.0)
 
 

@@ -65,6 +65,13 @@ def test_every_page_is_in_the_side_bar_once() -> None:
     assert pages | {"project.md", "contributing.md", "changelog.md", "references.md"} <= set(listed)
 
 
+def test_every_decision_is_listed_once_where_the_side_bar_has_none() -> None:
+    """In the order of their numbers. Without it a decision would be in no page's contents."""
+    listed = re.findall(r"\(decisions/(\d{4}-[^)]+\.md)\)", (DOCS / "README.md").read_text())
+    assert listed == sorted(path.name for path in DOCS.glob("decisions/*.md"))
+    assert stage.pages(STAGED)[f"decisions/{listed[-1]}"].startswith("---\norphan: true\n---\n\n# ")
+
+
 def test_the_reference_has_every_public_name_once() -> None:
     names = [name for names in reference.public_names().values() for name in names]
     assert sorted([*names, "__version__"]) == sorted(truestroke.__all__)

@@ -96,7 +96,7 @@ def test_the_kernel_is_the_numpy_text_beside_a_load() -> None:
     stage = StageSettings(sample_rate=RATE, resonances=(461.0,), hysteresis_kind="preisach", noise=0.01)
     plant = StagePlant(stage, seed=2)
     plant.open()
-    wave = trajectories.sine(frequency=4.0, peak_to_peak=12.0, offset=10.0, duration=0.9, sample_rate=RATE)
+    wave = trajectories.sine(frequency=4.0, peak_to_peak=12.0, offset=10.0, duration=0.6, sample_rate=RATE)
     seen = 0.0
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
         x = kernel.command(z_d, zdot_d)

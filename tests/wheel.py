@@ -62,11 +62,11 @@ def main() -> None:
                     wheels[tag] = build(str(binary / "python"), Path(folder) / tag)
                 if sys.platform == "linux":
                     audit(wheels[tag])
-            run(binary / "python", "-m", "pip", "install", "--quiet", "numpy")
-            run(binary / "python", "-m", "pip", "install", "--quiet", "--no-deps", wheels[tag])
+            run(binary / "python", "-m", "pip", "install", "--quiet", "--no-compile", "numpy")
+            run(binary / "python", "-m", "pip", "install", "--quiet", "--no-compile", "--no-deps", wheels[tag])
             run(binary / "python", "-W", "error", ROOT / "tests/smoke.py", cwd=folder)
             if python == sys.executable:
-                run(binary / "python", "-m", "pip", "install", "--quiet", wheels[tag])
+                run(binary / "python", "-m", "pip", "install", "--quiet", "--no-compile", wheels[tag])
                 run(binary / "truestroke", "track", "--duration", "2", "--output", Path(folder) / "run", cwd=folder)
 
 

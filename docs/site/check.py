@@ -59,14 +59,21 @@ class Page(HTMLParser):
 page = cache(Page)
 
 
+@cache  # the side bar of each page links to all others
+def linked(folder: Path, path: str) -> Path | None:
+    """The file that a link of the pages in the folder leads to, if it is there."""
+    target = (folder / unquote(path)).resolve()
+    return target if target.is_file() else None
+
+
 def wrong_links(file: Path) -> Iterator[str]:
     """The links of a page that lead nowhere."""
     for link in page(file).links:
         parts = urlsplit(link)
         if parts.scheme:
             continue
-        target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
-        if not target.is_file():
+        target = linked(file.parent, parts.path) if parts.path else file
+        if target is None:
             yield f"{file.name}: {link} is not there"
         elif parts.fragment and target.suffix == ".html" and unquote(parts.fragment) not in page(target).anchors:
             yield f"{file.name}: {link}: no such anchor"

@@ -111,10 +111,9 @@ def index(source: Path, folder: Path) -> str:
     return "\n".join([page(source, folder), *(toctree(names, heading) for heading, names in pages.items())])
 
 
-def all_pages(source: Path, folder: Path) -> str:
-    """docs/README.md, with the decisions below it."""
-    decisions = sorted(f"decisions/{path.name}" for path in (DOCS / "decisions").glob("*.md"))
-    return page(source, folder) + "\n" + toctree(decisions)
+def decision(source: Path, folder: Path) -> str:
+    """Not in the side bar, which each page contains and Sphinx makes anew for it: docs/README.md lists them."""
+    return f"---\norphan: true\n---\n\n{page(source, folder)}"
 
 
 # ---- Examples and notebooks ------------------------------------------------------------------------------------------
@@ -142,7 +141,6 @@ def tutorial(source: Path, folder: Path) -> str:
 
 MADE: dict[Path, Callable[[Path, Path], str]] = {
     DOCS / "site/index.md": index,
-    DOCS / "README.md": all_pages,
     EXAMPLES / "README.md": examples,
 }
 
@@ -150,7 +148,7 @@ MADE: dict[Path, Callable[[Path, Path], str]] = {
 def pages(folder: Path) -> dict[str, str]:
     """Every page of the site, and every notebook that is made of one, by its name."""
     sources = [*DOCS.glob("*.md"), *DOCS.glob("decisions/*.md"), *(s for s in BESIDE if s.suffix == ".md")]
-    makers = MADE | dict.fromkeys(tutorials(), tutorial)
+    makers = MADE | dict.fromkeys(tutorials(), tutorial) | dict.fromkeys(DOCS.glob("decisions/*.md"), decision)
     made = {str(staged(source)): makers.get(source, page)(source, folder) for source in sources} | reference.pages()
     made["python.md"] += toctree([name for name in made if name.startswith("python/")])
     made["references.md"] = "# References\n\n```{bibliography}\n:all:\n```\n"
