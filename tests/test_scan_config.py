@@ -250,7 +250,7 @@ def test_a_configuration_that_does_not_fit_is_named(tmp_path, change, words) -> 
 def test_a_single_axis_is_asked_for_a_second(tmp_path) -> None:
     """It was `must be two of the axes: x`."""
     (tmp_path / "scan.toml").write_text(SIMULATED + "[[axis]]".join(AXES.split("[[axis]]")[:2]))
-    with pytest.raises(SettingError, match="scan.axes = \\['x'\\]: must be two axes, .* add a second table"):
+    with pytest.raises(SettingError, match=r"scan.axes = \['x'\]: must be two axes, .* add a second table"):
         config.load(tmp_path / "scan.toml")
 
 

@@ -527,6 +527,19 @@ def test_the_command_writes_image_and_page(folder, tmp_path):
     assert "trace and retrace apart, after" in (tmp_path / "new.html").read_text()
 
 
+def test_a_sample_rate_that_is_no_number_is_refused_beside_time_stamps(folder):
+    """It ended in warnings of NumPy with lines of the source, before the sentence."""
+    with pytest.raises(SettingError, match="sample_rate = nan Hz: must be finite"):
+        read_scan_record(folder / "volts.csv", sample_rate=float("nan"))
+
+
+def test_a_gsf_is_said_to_hold_the_trace_alone(folder, tmp_path):
+    files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gsf"]
+    code, text = run(folder / "scan.gwy", "--model", DAY_BEFORE, *files)
+    assert code == 0
+    assert "a .gsf holds one image, here height, trace" in " ".join(text.split())
+
+
 def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder, tmp_path):
     files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gwy"]
     given = [folder / "scan.gwy", "--model", DAY_BEFORE, *files]

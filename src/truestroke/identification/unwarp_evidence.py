@@ -277,4 +277,4 @@ def delay(across: float, speed: float) -> str:
     '0.1 ms too late'
     """
     by = 500.0 * across / speed
-    return f"{abs(by):.2g} ms too {'late' if by > 0 else 'early'}"
+    return f"{figures(abs(by), 2)} ms too {'late' if by > 0 else 'early'}"
