@@ -12,6 +12,7 @@ from late import Late
 
 from truestroke import SettingError
 from truestroke.dropins import flights
+from truestroke.dropins.axes import Axes
 
 bluesky, bps, bp = Late("bluesky"), Late("bluesky.plan_stubs"), Late("bluesky.plans")
 bpp, utils = Late("bluesky.preprocessors"), Late("bluesky.utils")
@@ -143,6 +144,12 @@ def test_a_scan_that_cannot_be_flown_says_why(engine: Any, axis: Any, scan: Any,
 def test_a_speed_that_changes_within_a_line_is_refused() -> None:
     with pytest.raises(SettingError, match="speed = 10 to 20 within a line um/s: must be constant"):
         flights.lines(np.array([0.0, 1.0]), np.array([1.0, 3.0]), np.full(2, 0.1), [True, False])
+
+
+def test_a_configuration_that_is_missing_is_named_with_its_folder_and_a_remedy(tmp_path: Path) -> None:
+    """It was `[Errno 2] No such file or directory` alone."""
+    with pytest.raises(FileNotFoundError, match=r"none.toml, in .*; `truestroke run --example` prints one"):
+        Axes.of(tmp_path / "none.toml")
 
 
 def test_kickoff_before_prepare_and_move_before_connect(engine: Any, axis: Any) -> None:

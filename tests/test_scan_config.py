@@ -247,6 +247,13 @@ def test_a_configuration_that_does_not_fit_is_named(tmp_path, change, words) -> 
     assert not list(tmp_path.glob("*.h5"))
 
 
+def test_a_single_axis_is_asked_for_a_second(tmp_path) -> None:
+    """It was `must be two of the axes: x`."""
+    (tmp_path / "scan.toml").write_text(SIMULATED + "[[axis]]".join(AXES.split("[[axis]]")[:2]))
+    with pytest.raises(SettingError, match=r"scan.axes = \['x'\]: must be two axes, .* add a second table"):
+        config.load(tmp_path / "scan.toml")
+
+
 @pytest.mark.parametrize(("asked", "said"), [("\ncolumns = 333", True), ("\ncolumns = 20", False), ("", False)])
 def test_columns_that_the_ticks_do_not_fill_are_named(tmp_path, asked, said) -> None:
     (tmp_path / "scan.toml").write_text((SIMULATED + AXES).replace("lines = 8", f"lines = 8{asked}"))

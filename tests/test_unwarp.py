@@ -149,6 +149,41 @@ def test_noise_that_leaves_places_open_is_said(scan, volts, shown, model):
     assert re.search(r"voltage of x has .* mV of noise, which leaves places open by|voltage is noisy", words)
 
 
+def humming(volts, amplitude, phase=1.0):
+    return volts + amplitude * np.sin(2 * np.pi * 51.3 * np.arange(volts.size) / FS + phase)  # V
+
+
+def test_hum_of_the_monitor_is_taken_off_where_trace_and_retrace_show_it(scan, volts, shown, model, both):
+    """Pixels were off by 4 of 128, and trace and retrace said bad or, at 50 Hz, good."""
+    read = [humming(one, 0.05) for one in volts]
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, *read), model, model)
+    assert np.hypot(*found.after) < 0.075
+    assert found.verdict.level == "good"
+    assert re.fullmatch(r"5\d mV at 51.3 Hz of x, .* pixels: trace and retrace agree better without it", found.hum)
+    assert both.hum == ""
+
+
+def test_hum_that_the_stage_follows_stays(scan, volts, model):
+    read = [humming(one, 0.03) for one in volts]
+    shown = scans.images(scan, TEXTURE(*(scans.at_pixels(scan, moved(one), 128) for one in read)), name="height")
+    found = truestroke.unwarp(shown, ScanRecord.of(scan, *read), model, model)
+    assert found.hum == ""
+    assert np.hypot(*found.after) < 0.075
+    assert found.verdict.level == "good"
+
+
+def test_hum_that_no_image_explains_is_doubtful(scan, volts, shown, model):
+    found = truestroke.unwarp(shown["trace"], ScanRecord.of(scan, humming(volts[0], 0.05), volts[1]), model)
+    assert "The voltage of x has hum, 5" in found.verdict.reasons[0]
+    assert found.hum == ""
+
+
+def test_a_voltage_that_is_late_is_said_to_be_so(scan, volts, shown, model):
+    late = np.interp(scan.time - 5e-4, scan.time, volts[0])
+    reasons = truestroke.unwarp(shown, ScanRecord.of(scan, late), model).verdict.reasons
+    assert re.search(r"recorded 0.[45]\d? ms too late", reasons[0])
+
+
 def test_a_record_that_begins_in_motion_is_doubtful(scan, volts, shown, model):
     first = int(scan.lines["first"][0]) - 50
     lines = scan.lines.copy()
@@ -490,6 +525,19 @@ def test_the_command_writes_image_and_page(folder, tmp_path):
     trace, retrace = scans.read_images(tmp_path / "new.nxs")
     assert (trace.name, retrace.name) == ("height, trace", "height, retrace")
     assert "trace and retrace apart, after" in (tmp_path / "new.html").read_text()
+
+
+def test_a_sample_rate_that_is_no_number_is_refused_beside_time_stamps(folder):
+    """It ended in warnings of NumPy with lines of the source, before the sentence."""
+    with pytest.raises(SettingError, match="sample_rate = nan Hz: must be finite"):
+        read_scan_record(folder / "volts.csv", sample_rate=float("nan"))
+
+
+def test_a_gsf_is_said_to_hold_the_trace_alone(folder, tmp_path):
+    files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gsf"]
+    code, text = run(folder / "scan.gwy", "--model", DAY_BEFORE, *files)
+    assert code == 0
+    assert "a .gsf holds one image, here height, trace" in " ".join(text.split())
 
 
 def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder, tmp_path):

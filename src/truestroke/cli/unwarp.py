@@ -67,6 +67,10 @@ def unwarp(
     for name, text in report.rows(found):
         common.print_text(f"{name:32} {text}")
     common.print_verdict(found.verdict)
+    if target.suffix == ".gsf" and len(kept) > 1:
+        common.print_text(
+            f"note: a .gsf holds one image, here {kept[0].name}; .gwy, .tif and .nxs have the retrace, too"
+        )
     common.print_files(image=target, page=page_file, pictures=plots)
     return ExitCode.of(found.verdict)
 

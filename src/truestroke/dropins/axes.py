@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -258,6 +259,9 @@ class Axes:
     @classmethod
     def of(cls, path: str | os.PathLike[str]) -> Axes:
         """Those of a configuration, as `truestroke run` has one; its trajectories and recording are not used."""
+        if not Path(path).exists():
+            words = f"No such file: {os.fspath(path)}, in {Path.cwd()}; `truestroke run --example` prints one"
+            raise FileNotFoundError(words)
         return cls(*config.movable(path))
 
     # ---- The host's side -------------------------------------------------------------------------------------------

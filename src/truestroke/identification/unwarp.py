@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +25,7 @@ from truestroke.control.actuator import ActuatorModel
 from truestroke.control.reach import inherited
 from truestroke.identification import unwarp_evidence as evidence
 from truestroke.identification.unwarp_evidence import FAR, filled
-from truestroke.identification.unwarp_voltage import quieted
+from truestroke.identification.unwarp_voltage import quieted, without_hum
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
 from truestroke.signals.scans.images import Image, ImageError, shift
 from truestroke.signals.scans.scan import LINE, Scan, table
@@ -42,6 +43,7 @@ ODD = 0.05  # of a line: one that lasts so much longer or shorter than the other
 LOOSE = 0.1  # of half a sample: by which noise may move an edge further
 OTHER_UNIT = 10.0  # times the length of the recording: lines that last longer have another unit
 SURE, HALF = 0.95, 0.5  # of the places; pixels by which noise of the voltage may leave them open
+LEAST_HUM = 1e-4  # of the range of a voltage, rms: less moves no pixel by half of one
 SKIPPED = 1.5  # periods from one line to the next: beyond, one between them is missing
 HEADINGS = {"x": ("volts x", "volts_x", "x", "volts", "u"), "y": ("volts y", "volts_y", "y")}
 
@@ -94,6 +96,12 @@ class ScanRecord(Displayed):
     def time(self) -> FloatArray:
         """Of the samples, s."""
         return np.arange(self.x.size) / self.sample_rate
+
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        """Whether each sample is within the lines, of the first to the last one."""
+        begin, end = self.lines["start"].min(), self.lines["end"].max()
+        return np.asarray((self.time >= begin) & (self.time <= end))
 
     def _display(self) -> tuple[str, Rows]:
         rows = [("sample_rate", quantity(self.sample_rate, "Hz")), ("lines", quantity(self.lines.size))]
@@ -295,6 +303,8 @@ class Unwarped(Displayed):
         say where they are; bad beyond 3.
     even_rows : bool
         Whether the rows were taken as even, as there was no model of y: what y does is not corrected.
+    hum : str
+        What was taken off the voltages, and why; empty where nothing was.
     """
 
     images: Mapping[str, Image]
@@ -304,6 +314,7 @@ class Unwarped(Displayed):
     timing: float
     verdict: Verdict
     even_rows: bool = False
+    hum: str = ""
 
     def _display(self) -> tuple[str, Rows]:
         rows = [(name, quantity(getattr(self, name), "pixels")) for name in ("before", "after", "moved", "timing")]
@@ -360,7 +371,7 @@ def unwarp(
     axes = [("x", record.x, x), *([] if y is None else [("y", record.y, y)])]
     hints = [evidence.beyond(name, volts, model.voltage_range) for name, volts, model in axes]
     try:
-        places = _Places.of(given, record, x, y)
+        places, calmed, hum = _chosen(given, record, x, y)
         unlike, times = evidence.sizes(places.seen, places.size)
         hints.append(unlike)
         made = _aligned(given, places) if align else places.corrected(given)
@@ -373,7 +384,7 @@ def unwarp(
         one for model in (x, y) if model and model.verdict.is_bad for one in inherited(model)
     ]
     begun = [evidence.begins(name, volts) for name, volts, _ in axes]
-    findings += [("doubtful", words) for words in (*places.noisy, *begun) if words]
+    findings += [("doubtful", words) for words in ("" if calmed else hum, *places.noisy, *begun) if words]
     for name in given:
         lines = record.lines[record.lines["direction"] == DIRECTIONS[name]]
         if words := evidence.late(lines, name, speed, record.jitter, APART):
@@ -381,10 +392,52 @@ def unwarp(
     findings += [("bad" if times > OTHER_SIZE else "doubtful", words) for words in hints if words]
     far = after is not None and float(np.hypot(*after)) > APART
     why = evidence.why_apart(given, made, places.corrected, after, speed, APART) if after and far else ""
-    verdict = Verdict.of([*findings, *_findings(before, after, timing, made, why)])
+    verdict = Verdict.of([*findings, *_findings(before, after, timing, made, why, speed)])
     return Unwarped(
-        images=made, before=before, after=after, moved=places.moved, timing=timing, verdict=verdict, even_rows=y is None
+        images=made,
+        before=before,
+        after=after,
+        moved=places.moved,
+        timing=timing,
+        verdict=verdict,
+        even_rows=y is None,
+        hum=hum if calmed else "",
     )
+
+
+def _chosen(
+    given: Mapping[str, Image], record: ScanRecord, x: ActuatorModel, y: ActuatorModel | None
+) -> tuple[_Places, bool, str]:
+    """Places of the pixels, whether hum of the voltages was taken off, and a sentence of it.
+
+    It is taken off where trace and retrace then agree better.
+    """
+    places = _Places.of(given, record, x, y)
+    inside, first = record.inside, record.lines["direction"] == DIRECTIONS[next(iter(given))]
+    hums = {}
+    for name, model in (("x", x), *([] if y is None else [("y", y)])):
+        low, high = model.voltage_range
+        volts, _ = quieted(getattr(record, name), record.sample_rate, high - low, record.lines["start"][first])
+        hums[name] = volts - without_hum(volts, record.sample_rate, record.lines["start"][first])
+    if max(float(np.std(hum[inside]) / np.ptp(getattr(record, name))) for name, hum in hums.items()) < LEAST_HUM:
+        return places, False, ""
+    calm: dict[str, Any] = {name: getattr(record, name) - hum for name, hum in hums.items()}
+    other = _Places.of(given, dataclasses.replace(record, **calm), x, y)
+    pixels = places.apart(other)
+    worst = max(pixels, key=lambda name: pixels[name])
+    if pixels[worst] <= HALF:
+        return places, False, ""
+    agree = [_agreement(given, one) for one in (places, other)]
+    taken, words = evidence.hum(worst, hums[worst][inside], record.sample_rate, pixels[worst], *agree)
+    return (other if taken else places), taken, words
+
+
+def _agreement(given: Mapping[str, Image], places: _Places) -> float:
+    """Of trace and retrace at these places: 1 where they are the same, or there is one; -1 where lines go back."""
+    try:
+        return evidence.agreement(places.corrected(given)) if len(given) == 2 else 1.0
+    except ImageError:
+        return -1.0
 
 
 @dataclass(frozen=True)
@@ -434,6 +487,15 @@ class _Places:
             for name, left, size, count in pixels
             if left.um * count / size > HALF
         ]
+
+    def apart(self, other: _Places) -> dict[str, float]:
+        """By how many pixels in x and y places of another voltage are elsewhere: 95 % of them by no more."""
+        made = {}
+        pairs = (self.across, other.across), (self.along, other.along)
+        for axis, (mine, its), size, count in zip("xy", pairs, self.size, reversed(self.seen.data.shape), strict=True):
+            off = np.concatenate([(its[name] - one).ravel() for name, one in mine.items()]) if mine else np.zeros(1)
+            made[axis] = float(np.quantile(np.abs(off - np.median(off)), SURE)) * count / size
+        return made
 
     @property
     def size(self) -> tuple[float, float]:
@@ -603,13 +665,14 @@ def _findings(
     timing: float,
     images: Mapping[str, Image],
     why: str,
+    speed: float,
 ) -> list[tuple[Level, str]]:
     findings: list[tuple[Level, str]] = []
     if before is None or after is None:
         findings.append(("doubtful", "There is no retrace, so nothing shows whether the correction is right: give it."))
     elif (apart := float(np.hypot(*after))) > APART:
         level: Level = "bad" if apart > FAR else "doubtful"
-        findings.append((level, _still(apart, abs(after[0]) > abs(before[0]), timing, why)))
+        findings.append((level, _still(apart, after[0], abs(after[0]) > abs(before[0]), timing, why, speed)))
     if timing > APART:
         text = (
             f"The trigger places a line to half a sample, {timing:.2g} pixels: record faster, or give a table of lines."
@@ -621,8 +684,8 @@ def _findings(
     return findings
 
 
-def _still(apart: float, farther: bool, timing: float, why: str) -> str:
-    """Why trace and retrace are still so many pixels apart, in a sentence; `farther`: across, than before."""
+def _still(apart: float, across: float, farther: bool, timing: float, why: str, speed: float) -> str:
+    """Why trace and retrace are still so many pixels apart, so many `across`; `farther`: than before."""
     by_trigger = apart < 2 * timing  # half a sample of both
     if why and not by_trigger:
         return f"Trace and retrace are {apart:.2g} pixels apart: {why}."
@@ -631,7 +694,8 @@ def _still(apart: float, farther: bool, timing: float, why: str) -> str:
             f"Trace and retrace are {apart:.2g} pixels apart, further than before: an image is mirrored or turned, "
             "the two are exchanged, or the model is that of another axis."
         )
-    why = "the model is not that of this motion. Identify it from a record of the scan's own lines"
+    late = f", or the voltage was recorded {evidence.delay(across, speed)}" if abs(across) > 0.9 * apart else ""
+    why = f"the model is not that of this motion{late}. Identify it from a record of the scan's own lines"
     if by_trigger:
         why = "the trigger leaves as much open. Give a table of lines"
     return f"Trace and retrace are still {apart:.2g} pixels apart: {why}, or share the rest by `align`."

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.signals.scans.images import Image, shift
 
@@ -22,6 +24,7 @@ BLOCKS = 8  # of columns, in which trace and retrace are compared
 WAY = 0.5  # of what a line covers: one that ends so far behind its start goes back
 FEW = 0.1  # of the lines: so many may be uneven where the others are even
 ACROSS = 0.1  # of the way from line to line: an axis that moves less along a line is the slow one
+CLEARLY = 0.8  # times: what trace and retrace disagree by without a hum, where it is surely not in the motion
 MISTAKES: tuple[tuple[str, Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]], ...] = (
     ("the retrace mirrored, as it is where it is stored in the order of time", lambda t, r: (t, r[:, ::-1])),
     ("the trace mirrored", lambda t, r: (t[:, ::-1], r)),
@@ -55,6 +58,32 @@ def begins(axis: str, volts: FloatArray) -> str:
         f"The recording of {axis} begins at {first:.3g} V while it moves: what hysteresis was before is not known, and "
         "the first rows may be off. Record from rest on."
     )
+
+
+def hum(
+    axis: str, volts: FloatArray, sample_rate: float, pixels: float, as_it_is: float, without: float
+) -> tuple[bool, str]:
+    """Whether hum of a voltage is only its monitor's, and what to say of it; nothing where the stage follows it.
+
+    `as_it_is` and `without` are how much trace and retrace agree, as of `agreement`; `pixels` as far as it moves them.
+    """
+    power = np.abs(np.fft.rfft(volts - volts.mean())) ** 2
+    at = sample_rate / volts.size * int(np.argmax(power))
+    size = f"{figures(1000 * math.sqrt(2) * float(np.std(volts)), 2)} mV at {at:.3g} Hz"
+    if 1 - without < CLEARLY * (1 - as_it_is):
+        return True, f"{size} of {axis}, {pixels:.2g} pixels: trace and retrace agree better without it"
+    if 1 - as_it_is < CLEARLY * (1 - without):
+        return False, ""
+    return False, (
+        f"The voltage of {axis} has hum, {size}, which moves pixels by up to {pixels:.2g}: if its monitor alone has "
+        "it, and not the actuator, they are as far off. Take the command."
+    )
+
+
+def agreement(made: Mapping[str, Image]) -> float:
+    """Correlation of trace and retrace."""
+    one, other = (filled(image).data.ravel() for image in made.values())
+    return float(np.corrcoef(one, other)[0, 1])
 
 
 def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: float) -> str:
@@ -209,7 +238,7 @@ def _raised(image: Image, rows: int) -> Image:
 
 def _are_alike(one: Image, other: Image) -> bool:
     """Whether they show the same at the same places."""
-    return float(np.corrcoef(filled(one).data.ravel(), filled(other).data.ravel())[0, 1]) > ALIKE
+    return agreement({"one": one, "other": other}) > ALIKE
 
 
 def _mistake(
@@ -234,9 +263,18 @@ def _late(made: Mapping[str, Image], across: float, speed: float) -> str:
     _, apart = in_blocks(made["trace"], made["retrace"])
     if np.ptp(apart) > UNIFORM * abs(across):
         return ""
-    by = 500.0 * across / speed
     return (
-        f"by the same along the whole line, as if the voltage was recorded {abs(by):.2g} ms too "
-        f"{'late' if by > 0 else 'early'}, or the model is not that of this motion. Move the lines by as much, or "
-        "identify it from a record of the scan's own lines, or share the shift by `align`"
+        f"by the same along the whole line, as if the voltage was recorded {delay(across, speed)}, or the model is not "
+        "that of this motion. Move the lines by as much, or identify it from a record of the scan's own lines, or "
+        "share the shift by `align`"
     )
+
+
+def delay(across: float, speed: float) -> str:
+    """Of a voltage that alone moves trace and retrace so many pixels apart, at a speed in pixels per second.
+
+    >>> delay(1.0, 5000.0)
+    '0.1 ms too late'
+    """
+    by = 500.0 * across / speed
+    return f"{figures(abs(by), 2)} ms too {'late' if by > 0 else 'early'}"

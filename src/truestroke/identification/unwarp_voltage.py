@@ -22,6 +22,7 @@ SPIKE = 5.0  # times what the voltage moves beside it: a single sample that is f
 ALIKE = 1.5  # deviations, rms: lines whose difference is no more are alike
 HALF = 0.5  # of a period, which must be there to be compared
 CHANGES = 0.5  # of the samples: where so many differ from those before, a converter has rounded a motion
+HUM = 0.03  # of the range, rms: lines that differ by more are those of a scan that changes
 
 
 def quieted(volts: FloatArray, sample_rate: float, span: float, starts: FloatArray) -> tuple[FloatArray, float]:
@@ -56,6 +57,19 @@ def quieted(volts: FloatArray, sample_rate: float, span: float, starts: FloatArr
     far = np.abs(volts - mean) > REVERSAL * float(np.ptp(volts))  # of a voltage without noise only outliers change
     made = mean if deviation else np.where(far, mean, made)
     return quiet.without_reversals(made, max(REVERSAL * float(np.ptp(volts)), NOISES * whole)), deviation
+
+
+def without_hum(volts: FloatArray, sample_rate: float, starts: FloatArray) -> FloatArray:
+    """A voltage without noise, V, with the mean of all lines in each, but for a trend; starts of lines are in s.
+
+    Examples
+    --------
+    >>> true, time = np.abs(np.arange(8000) % 200 - 100.0) / 50.0, np.arange(8000) / 2000.0
+    >>> made = without_hum(true + 0.05 * np.sin(2 * np.pi * 51.3 * time), 2000.0, np.arange(40) / 10.0)
+    >>> round(float(np.std(made - true)), 3)
+    0.001
+    """
+    return _alike(volts, volts, starts * sample_rate, HUM * float(np.ptp(volts)))
 
 
 def _without_spikes(volts: FloatArray, least: float) -> FloatArray:

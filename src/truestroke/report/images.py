@@ -112,6 +112,8 @@ def rows(found: Unwarped) -> list[list[str]]:
             made.append([f"trace and retrace apart, {name}", f"{apart[0]:.2f} across, {apart[1]:.2f} along"])
     if found.timing:
         made.append(["place by the trigger", f"+-{found.timing:.2f} pixels"])
+    if found.hum:
+        made.append(["hum taken off", found.hum])
     if found.even_rows:
         made.append(["slow axis", "not corrected: without a model of y (--model-y) its rows are even"])
     return made

@@ -232,6 +232,8 @@ def even_rate(path: str | Path, table: Table, times: FloatArray | None, sample_r
     """Sample rate of even times, Hz; the given one where there are no times."""
     if times is None:
         return checks.positive("sample_rate", sample_rate, "Hz")
+    if sample_rate is not None:
+        checks.positive("sample_rate", sample_rate, "Hz")
     if times.size < 2:
         raise RecordError(str(path), f"{times.size} rows; two at least have a sample rate")
     tick = (times[-1] - times[0]) / (times.size - 1)

@@ -81,6 +81,8 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     """
     own = {field.name for field in dataclasses.fields(ScanTable)}
     table = toml.decode(ScanTable, {key: entry for key, entry in given.items() if key in own})
+    if len(names) < 2:
+        raise SettingError("axes", list(names), "two axes, for a scan moves two: add a second table [[axis]]")
     moving = table.axes or tuple(names[:2])
     if len(moving) != 2 or len(set(moving)) < 2 or not set(moving) <= set(names):
         raise SettingError("axes", list(moving), f"two of the axes: {', '.join(names)}")
