@@ -34,7 +34,8 @@
 #define BROAD ((ts_real)1)        /* behind a filter of twice this damping, */
 #define STIFFEST ((ts_real)0.06)  /* cycles per tick: less of it above, where what is not known of the lag turns it further, */
 #define HIGHEST_DAMPED ((ts_real)0.25) /* and nothing from here on */
-#define LOUD ((ts_real)0.1)       /* of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it, and however high that is */
+#define LOUD ((ts_real)0.1)       /* of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it */
+#define OF_SECOND ((ts_real)0.04) /* of it: one with which they may be wrong, and what is shown may be the second mode */
 #define LOAD_COUNTS ((ts_real)0.04) /* of a sine that decays: a load lasts, and little of it remains in the mean */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
 
@@ -371,7 +372,7 @@ static bool matters(const ts_controller *c)
         const ts_guard *g = &c->guard;
         bool failing = g->held > 0 || g->wait > TS_FIRST_WAIT;
         ts_real away = r->known / c->settings->dynamics.first - 1, least = failing ? ELSEWHERE : ANOTHER;
-        ts_real share = away > MAY_BE_SECOND - 1 ? LOUD : DOUBT, large = share * ts_guard_range(g, &c->settings->guard);
+        ts_real share = away > MAY_BE_SECOND - 1 ? OF_SECOND : DOUBT, large = share * ts_guard_range(g, &c->settings->guard);
         if (!failing && c->stage.doubted < LASTS) return false;
         return away * away > least * least && r->power > large * large && r->driven > DRIVEN_ALONE;
     }

@@ -49,6 +49,7 @@ BROAD = 1.0  # behind a filter of twice this damping,
 STIFFEST = 0.06  # cycles per tick: less of it above, where what is not known of the lag turns it further,
 HIGHEST_DAMPED = 0.25  # and nothing from here on
 LOUD = 0.1  # of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it
+OF_SECOND = 0.04  # of it: one with which they may be wrong, and what is shown may be the second mode
 LOAD_COUNTS = 0.04  # of a sine that decays: a load lasts, and little of it remains in the mean
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
 
@@ -358,7 +359,7 @@ def matters(c: State) -> bool:
         if not failing and stage.doubted < LASTS:
             return False
         away, least = known.known / c.members["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
-        large = (LOUD if away > MAY_BE_SECOND - 1 else DOUBT) * guard.range
+        large = (OF_SECOND if away > MAY_BE_SECOND - 1 else DOUBT) * guard.range
         return away * away > least * least and known.power > large * large and known.driven > DRIVEN_ALONE
     least, large = noisy(c, law), DOUBT * c.kept.guard.range
     fast, worse = known.motion > SLOWEST * known.known, abs(c.candidate.worse / known.known - 1) < TRIED
