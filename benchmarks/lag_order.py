@@ -18,7 +18,7 @@ from benchmarks.foreign_stages import Duhem, Relays, Stage, travel
 
 from truestroke import AdaptiveController, measure_dynamics, run
 from truestroke.base.typing import FloatArray
-from truestroke.signals.trajectories import Trajectory
+from truestroke.signals.trajectories import Trajectory, smoothstep
 
 STEPS = 8  # of a tick, in which the voltage of the stack changes
 LIMITS, STROKE, DURATION = (0.0, 10.0), 20.0, 3.0  # V, um, s
@@ -62,8 +62,8 @@ def motion_of(number: int, kind: str, stage: Stage, low: float, high: float) -> 
     size, phase = random.uniform(0.3, 1, tones), random.uniform(0, 2 * np.pi, tones)
     time = np.arange(round(DURATION * stage.rate)) / stage.rate
     wave = size @ np.sin(2 * np.pi * f[:, None] * time + phase[:, None])
-    u = np.clip(4 * time, 0, 1)
-    position = u**3 * (10 - 15 * u + 6 * u**2) * ((low + high) / 2 + (high - low) * wave / np.ptp(wave))
+    begun, _ = smoothstep(4 * time)
+    position = begun * ((low + high) / 2 + (high - low) * wave / np.ptp(wave))
     return Trajectory(position=position, velocity=np.gradient(position) * stage.rate, sample_rate=stage.rate, name=kind)
 
 

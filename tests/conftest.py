@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import importlib.util
-import multiprocessing
 import os
 import re
 import signal
@@ -21,7 +19,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from _pytest.assertion import rewrite
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 from xdist.workermanage import WorkerController
@@ -54,33 +51,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # under nohup
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Before xdist starts its processes, pytest rewrites all tests, on all cores.
-
-    In a fresh clone each process would rewrite all of them by itself, half of what it takes to collect them.
-    """
-    if not getattr(session.config.option, "numprocesses", None) or not hasattr(os, "fork"):
-        return
-    tests, cores = sorted(Path(__file__).parent.glob("test_*.py")), os.cpu_count() or 1
-    fork = multiprocessing.get_context("fork")
-    parts = [fork.Process(target=_rewrite, args=(session.config, tests[k::cores])) for k in range(cores)]
-    for part in parts:
-        part.start()
-    for part in parts:
-        part.join()
-
-
-def _rewrite(config: pytest.Config, tests: list[Path]) -> None:
-    """Without running them, in a process that ends then."""
-    rewrite.exec = lambda code, names: None  # type: ignore[attr-defined]
-    loader = rewrite.AssertionRewritingHook(config)
-    for test in tests:
-        spec = importlib.util.spec_from_file_location(test.stem, test, loader=loader)
-        assert spec is not None
-        loader.exec_module(importlib.util.module_from_spec(spec))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -224,7 +224,12 @@ def _sampled(
 def kept_by_amplifier(dynamics: Dynamics) -> float:
     """Share of the voltage of the last tick that the lag of the amplifier keeps; 0: it has none."""
     corner = dynamics.amplifier_bandwidth
-    return math.exp(-2 * math.pi * corner / dynamics.sample_rate) if corner else 0.0
+    return _kept(corner, dynamics.sample_rate) if corner else 0.0
+
+
+def _kept(corner: float, rate: float) -> float:
+    """Share of a tick before that a first-order lag keeps: its pole."""
+    return math.exp(-2 * math.pi * corner / rate)
 
 
 def _undone(kept: float, q: ComplexArray) -> ComplexArray:
@@ -290,7 +295,7 @@ def _sections(dynamics: Dynamics) -> list[tuple[float, float]]:
     lags: list[float] = []
     for corner in (dynamics.amplifier_bandwidth, dynamics.sensor_bandwidth):
         if corner:
-            pole = math.exp(-2 * math.pi * corner / dynamics.sample_rate)
+            pole = _kept(corner, dynamics.sample_rate)
             lags.append(pole * (1 - APART) if any(abs(pole - lag) < APART * lag for lag in lags) else pole)
     return found + [(-pole, 0.0) for pole in lags]
 

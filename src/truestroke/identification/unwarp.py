@@ -415,10 +415,8 @@ def _chosen(
     places = _Places.of(given, record, x, y)
     inside, first = record.inside, record.lines["direction"] == DIRECTIONS[next(iter(given))]
     hums = {}
-    for name, model in (("x", x), *([] if y is None else [("y", y)])):
-        low, high = model.voltage_range
-        volts, _ = quieted(getattr(record, name), record.sample_rate, high - low, record.lines["start"][first])
-        hums[name] = volts - without_hum(volts, record.sample_rate, record.lines["start"][first])
+    for name, left in zip("x" if y is None else "xy", places.open, strict=False):
+        hums[name] = left.quiet - without_hum(left.quiet, record.sample_rate, record.lines["start"][first])
     if max(float(np.std(hum[inside]) / np.ptp(getattr(record, name))) for name, hum in hums.items()) < LEAST_HUM:
         return places, False, ""
     calm: dict[str, Any] = {name: getattr(record, name) - hum for name, hum in hums.items()}
@@ -442,10 +440,11 @@ def _agreement(given: Mapping[str, Image], places: _Places) -> float:
 
 @dataclass(frozen=True)
 class _Open:
-    """Deviation of the noise of a voltage, V, and by how much 95 % of the places may be off for it, um."""
+    """Deviation of the noise of a voltage, V, how far 95 % of places may be off for it, um; what is quiet, V."""
 
     volts: float
     um: float
+    quiet: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -473,7 +472,7 @@ class _Places:
     @classmethod
     def of(cls, given: Mapping[str, Image], record: ScanRecord, x: ActuatorModel, y: ActuatorModel | None) -> _Places:
         across, open_x = _places(given, record, x, record.x)
-        along, open_y = ({}, _Open(0.0, 0.0)) if y is None else _places(given, record, y, record.y)
+        along, open_y = ({}, _Open(0.0, 0.0, record.y)) if y is None else _places(given, record, y, record.y)
         seen = next(iter(given.values()))
         return cls(seen, across, along, (_common(across), _rows_area(seen, along)), (open_x, open_y))
 
@@ -568,11 +567,11 @@ def _places(
     volts, deviation = quieted(volts, *about)
     places = _predicted(images, record, model, volts)
     if not deviation:
-        return places, _Open(0.0, 0.0)
+        return places, _Open(0.0, 0.0, volts)
     again = volts + deviation * np.random.default_rng(0).standard_normal(volts.size)
     others = _predicted(images, record, model, quieted(again, *about)[0])
     apart = np.concatenate([(others[name] - one).ravel() for name, one in places.items()])
-    return places, _Open(deviation, float(np.quantile(np.abs(apart - np.median(apart)), SURE)))
+    return places, _Open(deviation, float(np.quantile(np.abs(apart - np.median(apart)), SURE)), volts)
 
 
 def _predicted(
