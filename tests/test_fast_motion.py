@@ -317,3 +317,12 @@ def test_a_stage_that_is_found_is_one_mode_behind_a_tick(frequency) -> None:
     fitted = stage.members(dynamics)
     np.testing.assert_allclose(get["dynamics.quiet"], fitted["dynamics.quiet"], rtol=1e-6)
     np.testing.assert_allclose(get["dynamics.lead"], fitted["dynamics.lead"], rtol=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize(("number", "before"), [(152, 0.0238), (174, 0.0041)])
+def test_noise_above_the_first_mode_is_behind_three_poles(number: int, before: float) -> None:
+    """% of the motion, rms; `before`: with two poles at 1.2 f0, above which the filter of the stage lets noise grow."""
+    recording = fast.record(1777, number, "measured")
+    error = recording["true"] - recording["desired"]
+    assert 100 * error[error.size // 2 :].std() / np.ptp(recording["desired"]) < before / 1.5

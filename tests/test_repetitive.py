@@ -492,12 +492,12 @@ def test_a_change_of_odd_harmonics_moves_even_ones_as_far_as_the_strain_has_some
 
 def test_the_best_batch_shows_the_hysteresis_and_earlier_batches_are_described_by_it():
     """Of another model the same voltage is another strain, in all that the law remembers."""
-    frequency = 100.0
+    frequency = 20.0
     raster = trajectories.raster(
-        frequency=frequency, peak_to_peak=20.0, offset=12.0, duration=3.5, sample_rate=10_000.0, turn=0.2
+        frequency=frequency, peak_to_peak=20.0, offset=12.0, duration=6.0, sample_rate=10_000.0, turn=0.2
     )
-    stage = StagePlant(StageSettings(resonances=(400.0,), dampings=(0.02,), hysteresis_kind="plays"), seed=1)
-    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=408.0, damping=0.02),))
+    stage = StagePlant(StageSettings(resonances=(300.0,), dampings=(0.02,), hysteresis_kind="plays"), seed=1)
+    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=306.0, damping=0.02),))
     alone = AdaptiveController(sample_rate=10_000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=known)
     controller = RepetitiveController(alone, 1 / frequency)
     truestroke.run(raster, controller, stage)

@@ -178,8 +178,8 @@ TS_API bool ts_rls_update(ts_rls *r, ts_real *w, const ts_real *u, ts_real e, ts
 /* ---- Bounded Kalman filter --------------------------------------------------------------------------------------- */
 
 typedef struct {
-    ts_real filter;           /* per tick: coefficient of each of two poles that regressor and measurement pass through,
-                                 at the start: see ts_kalman */
+    ts_real filter;           /* per tick: coefficient of each of two poles, with dynamics given three, that regressor and
+                                 measurement pass through, at the start: see ts_kalman */
     ts_real noise_rate;       /* per tick: how fast the robust estimate of the noise follows */
     ts_real ringing_rate;     /* per tick: the same of the fast one, which makes ringing count as noise */
     ts_real model_error;      /* um: what the model cannot explain; added to the noise */
@@ -499,7 +499,7 @@ typedef struct {
 /* Where the stage is not known and the model has the term of the inertia: while the error shows that the stage rings, velocity
  * and acceleration of the law's regressor are those of the measurement, as central differences about the tick before. */
 typedef struct {
-    ts_real u[TS_PADDED(TS_MAX_LEARNED)]; /* the regressor of the tick before; with a stage that was found, behind a third pole, */
+    ts_real u[TS_PADDED(TS_MAX_LEARNED)]; /* the regressor of the tick before; with a stage in the model, behind a third pole, */
     ts_real y;                        /* um: and what w.u should have been, or is there */
     ts_real error[2];                 /* um: measured less desired, of the last two ticks, the newer first */
     ts_real once, twice[2];           /* um: behind the first of the two poles, and behind both in the last two ticks */

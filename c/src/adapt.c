@@ -129,8 +129,16 @@ static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *
     return r->rings ? space : u;
 }
 
-/* The regressor and what belongs to it behind a third pole, which removes what is beyond the stage that was found. */
-static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y, bool learn)
+/* The third pole of the law, as a share per tick; 0: it has none. With given dynamics it is as those of its filter. */
+static ts_real third_pole(const ts_controller *c)
+{
+    ts_real w = 2 * TS_PI * LATER * c->stage.resonance;
+    if (is_given(c)) return c->law.kalman.filter;
+    return c->found.known && c->stage.before.growth.late > 0 ? w / (1 + w) : 0;
+}
+
+/* The regressor and what belongs to it behind this pole, which removes what is beyond the stage of the model. */
+static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y, bool learn, ts_real pole)
 {
     ts_ringing *r = &c->ringing;
     if (!learn) {
@@ -142,7 +150,6 @@ static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y
         r->y = 0;
         r->started = true;
     }
-    ts_real w = 2 * TS_PI * LATER * c->stage.resonance, pole = w / (1 + w);
     for (int i = 0; i < c->parameters; i += TS_LANES) {
         lanes before = load(r->u + i);
         store(r->u + i, plus(before, pole, difference(load(u + i), before)));
@@ -157,13 +164,13 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
-    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], alone[TS_PADDED(TS_MAX_PARAMETERS)];
+    ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], alone[TS_PADDED(TS_MAX_PARAMETERS)], third = third_pole(c);
     u = ts_without_hum(c, u, &y, alone);
     k->relates = dynamics_of(c)->known;
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
     k->calm = !dynamics_of(c)->known && c->guard.small > 0;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);
-    else if (c->found.known && c->stage.before.growth.late > 0) u = behind_pole(c, u, &y, learn);
+    else if (third > 0) u = behind_pole(c, u, &y, learn, third);
     if (!ts_kalman_tick(k, &s->kalman, s->initial_weights, prior_of(s), c->w, u, y, innovation, measured, learn, c->parameters)) return;
     project_slopes(c);
     c->flags.changed = k->changed;

@@ -35,7 +35,7 @@ RINGING_RATE = 200.0  # 1/s: how fast ringing counts as noise
 SMOOTHING = 0.72e-3  # s: smoothing_time where no resonance is known
 SMOOTHING_PERIODS = 0.216  # of the resonance: the same ratio to the corner of the law's filter
 SMOOTHING_KNOWN = 0.5  # periods of the first resonance of `dynamics`
-FILTER_SHARE = 1.2  # of the first resonance: corner of the law's filter where the stage is known
+FILTER_SHARE = 1.6  # of the first resonance: corner of the three poles of the law where the stage is known
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
 RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
 COUPLING_SHARES = 0.2, 4.0  # of 1 / w0 and 1 / w0^2: what velocity and acceleration of another axis do, one deviation
@@ -309,7 +309,7 @@ def _terms(s: ControllerSettings) -> Mapping[str, Term]:
 
 
 def default_filter_frequency(s: ControllerSettings) -> float:
-    """300 Hz, at most 15 % of the sample rate and half the resonance; 1.2 times that of `dynamics`."""
+    """300 Hz, at most 15 % of the sample rate and half the resonance; 1.6 times that of `dynamics`."""
     if s.dynamics is not None:
         return min(FILTER_SHARE * s.dynamics.modes[0].frequency, 0.45 * s.sample_rate)
     return min(widest_filter(s.sample_rate), s.resonance / 2 or math.inf)
@@ -446,7 +446,7 @@ SETTINGS: declared.Table = {
         rule=default_return_time, convert=lambda time, s: min(1.0, RETURN_EVERY / (time * s.sample_rate)),
     ),
     "filter_frequency": _kalman(
-        "Corner of each of the two poles that regressor and measurement pass through", "Hz",
+        "Corner of each of the two poles, with `dynamics` three, that regressor and measurement pass through", "Hz",
         between(Times(1e-6, "sample_rate"), Times(0.5, "sample_rate")), "filter", rule=default_filter_frequency,
         convert=lambda corner, s: -math.expm1(-2 * math.pi * corner / s.sample_rate),
     ),

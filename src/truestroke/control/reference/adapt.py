@@ -296,10 +296,11 @@ def update_law(
 ) -> None:
     """One tick of the law: u . w should be y, um."""
     u, y = without_hum(c, u, y)
+    third = third_pole(c, law)
     if c.measures_inertia:
         u, y = with_inertia(c, law, u, y, learn=learn)
-    elif c.stage.growth is not None and c.stage.growth.late:
-        u, y = behind_pole(c, u, y, learn=learn)
+    elif third > 0:
+        u, y = behind_pole(c, u, y, third, learn=learn)
     law.relates = c.path is not None
     law.steady = c.is_given and c.kept.guard.small >= SETTLED
     law.calm = c.path is None and c.kept.guard.small > 0
@@ -309,16 +310,22 @@ def update_law(
         c.changed = law.changed
 
 
-def behind_pole(c: State, u: FloatArray, y: float, *, learn: bool) -> tuple[FloatArray, float]:
-    """Regressor and measurement behind a third pole, which removes what is beyond the stage that was found."""
+def third_pole(c: State, law: FilteringLaw) -> float:
+    """The third pole of the law, as a share per tick; 0: it has none. With given dynamics that of its filter."""
+    if c.is_given:
+        return law.filter
+    w = 2 * math.pi * LATER * c.stage.resonance
+    return w / (1 + w) if c.stage.growth is not None and c.stage.growth.late else 0.0
+
+
+def behind_pole(c: State, u: FloatArray, y: float, pole: float, *, learn: bool) -> tuple[FloatArray, float]:
+    """Regressor and measurement behind this pole, which removes what is beyond the stage of the model."""
     r = c.ringing
     if not learn:
         r.u = None
         return u, y
     if r.u is None:
         r.u, r.y = np.zeros(u.size), 0.0
-    w = 2 * math.pi * LATER * c.stage.resonance
-    pole = w / (1 + w)
     r.u = r.u + pole * (u - r.u)
     r.y += pole * (y - r.y)
     return r.u, r.y
