@@ -981,3 +981,48 @@ def test_dynamics_of_another_sample_rate_are_refused_by_their_file(tmp_path, mon
     done = CliRunner().invoke(main, [*command.split(), "--dynamics", "fast.toml"])
     assert done.exit_code == 2
     assert "--dynamics fast.toml: sample_rate = 20000 Hz: must be 10000 Hz" in done.stderr
+
+
+# ---- How long it takes ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--frequency", "0.001"], ("--frequency 0.001 Hz: must be at least ", "11 hours of motion", "--passes")),
+        (["--frequency", "0.002", "--passes", "1000"], ("duration of the motion = ", "at most a day in 1000 passes")),
+    ],
+)
+def test_a_motion_that_takes_hours_is_refused_with_what_is_needed(options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda *_: pytest.fail("it was driven"))
+    monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1e12)
+    result = CliRunner().invoke(main, ["learn", *options])
+    assert result.exit_code == 2
+    assert all(one in result.stderr for one in words), result.stderr
+
+
+def test_a_pass_that_does_not_fit_the_memory_is_refused(monkeypatch):
+    from truestroke.runtime.learning import lasting
+
+    wave = np.sin(2 * np.pi * np.arange(10**6) / 10**6)
+    assert lasting(wave, FS, passes=3) == (3 * 500.0, 500.0)
+    monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1e9)
+    with pytest.raises(SettingError, match=r"duration of a pass = 8\.3 minutes: must be less, as a pass of 5e\+06 sam"):
+        truestroke.learn(StagePlant(), wave, sample_rate=FS, voltage_limits=LIMITS, slew=2e4, stroke=35.0)
+
+
+def test_what_takes_long_says_so_before_the_first_pass_and_shows_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["learn", "--frequency", "0.1"])
+    assert result.exit_code == 130
+    assert "8 simulated passes of 50 s take about 32 s." in result.stderr
+    monkeypatch.undo()
+    monkeypatch.setattr("truestroke.runtime.learning.PART", 1000)
+    wave, begun = raster(50.0), []
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "dynamics": dynamics(900.0, 0.02)}
+    found = truestroke.learn(StagePlant(), wave, **limits, passes=1, averaged=0.1, doing=begun.append)
+    assert begun == ["pass 0", *(f"{part} % of a pass" for part in (25, 50, 75))]
+    whole = truestroke.learn(StagePlant(), wave, **limits, passes=1, averaged=0.1)
+    assert found.passes[0].rmse == whole.passes[0].rmse

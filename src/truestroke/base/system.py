@@ -66,6 +66,7 @@ NAME = sys.platform
 MACHINE = (platform.system(), platform.machine())
 """System and processor, in words of the system: ("Linux", "x86_64")."""
 
+UNCHECKED = 64e6  # bytes that are taken without a look at the memory that is free
 CLOCKS = "/sys/devices/system/clocksource/clocksource0/"
 """Folder of Linux that holds the sources of its clock."""
 
@@ -202,6 +203,12 @@ def free_memory() -> int:
     """Bytes that programs can take without swapping; all memory where the system does not say."""
     found = re.search(r"^MemAvailable:\s+(\d+) kB", read("/proc/meminfo"), re.MULTILINE)
     return 1024 * int(found[1]) if found else memory()
+
+
+def lacking(needed: float) -> str:
+    """How much memory something takes, bytes, and how much is free, in words; "" where that is enough."""
+    free = free_memory() if needed > UNCHECKED else needed
+    return "" if needed <= free else f"{needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free"
 
 
 # ---- Processors and priority ---------------------------------------------------------------------------------------

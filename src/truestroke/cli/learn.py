@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.base import checks, files
+from truestroke.base import checks, display, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, realtime, waveforms
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
+TICK = 8e-6  # s of a sample that is simulated
+LONGEST_SIMULATION = 600.0  # s
 LONGEST = 10_000_000  # samples of a repetition
 
 
@@ -77,6 +79,7 @@ def learn(
         given["dynamics"] = waveforms.dynamics_of(options["dynamics"], rate)
     if options["model"] is not None:
         given["model"] = truestroke.usable_model(options["model"], force=options["force"])
+    _foretell(wave, config, options, as_json)
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:
@@ -120,6 +123,25 @@ def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Traje
         sample_rate=rate, duration=_long(rate, options), **given
     )
     return made
+
+
+def _foretell(wave: truestroke.Trajectory, config: Path | None, options: dict[str, Any], as_json: bool) -> None:
+    """How long all passes take at most, where that is long; a UsageError for a simulation of more than minutes."""
+    from truestroke.runtime.learning import lasting
+
+    passes = options["passes"]
+    seconds, each = lasting(wave, passes=passes, settle=options["settle"], averaged=options["averaged"])
+    what = f"{passes} passes of {display.lasting(each)} take at most"
+    if config is None:
+        simulated = TICK * wave.sample_rate * seconds
+        if simulated > LONGEST_SIMULATION:
+            frequency, times = options["frequency"], simulated / LONGEST_SIMULATION
+            least = f"at least {1.05 * times * frequency:.2g} Hz in the simulation with {passes} passes"
+            takes = f"{display.lasting(seconds)} of motion take about {display.lasting(simulated)}"
+            fewer = "; or fewer --passes, or a stage of yours by --config FILE"
+            raise click.UsageError(f"--frequency {frequency:g} Hz: must be {least}, as {takes}{fewer}.")
+        seconds, what = simulated, f"{passes} simulated passes of {display.lasting(each)} take"
+    common.foretell(what, seconds, as_json)
 
 
 def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:

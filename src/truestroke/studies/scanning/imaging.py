@@ -258,12 +258,19 @@ def image_stage(
     return image(*planned(rate, resonances, kinds, noise, seed), seed)
 
 
-def image(stage: MultiAxisSettings, scan: Scan, seed: int) -> Scanned:
-    """As `image_stage`, of what was `planned`."""
+def image(
+    stage: MultiAxisSettings, scan: Scan, seed: int, progress: Callable[[int, int], None] | None = None
+) -> Scanned:
+    """As `image_stage`, of what was `planned`; `progress` is called with ticks done and all ticks of the last run."""
     samples = scans.Grating(), scans.Texture(seed=seed)
     gains = [one.stroke / one.voltage_limits[1] for one in stage.axes]
     usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
     hungry = threading.Lock()  # one thread after the other takes hundreds of MB where rows are slow
+
+    def tell(done: int, ticks: int) -> None:
+        going()
+        if progress is not None:
+            progress(done, ticks)
 
     def made(name: str) -> Imaged:
         going()
@@ -271,7 +278,7 @@ def image(stage: MultiAxisSettings, scan: Scan, seed: int) -> Scanned:
         moving: dict[str, Callable[[], FloatArray]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
-            "truestroke": lambda: lines.together(scan, plant, controller, going, hungry),
+            "truestroke": lambda: lines.together(scan, plant, controller, tell, hungry),
         }
         true = moving[name]()
         going()
