@@ -983,6 +983,27 @@ def test_dynamics_of_another_sample_rate_are_refused_by_their_file(tmp_path, mon
     assert "--dynamics fast.toml: sample_rate = 20000 Hz: must be 10000 Hz" in done.stderr
 
 
+# ---- Files ----------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_learned_before_is_kept_under_another_name_unless_it_may_be_replaced(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dynamics(900.0, 0.02).save("known.toml")
+    options = ["--averaged", "0.05", "--settle", "0.05", "--passes", "1", "--dynamics", "known.toml"]
+    monkeypatch.setattr(learning_module, "identify", lambda *_, **__: pytest.fail("it takes seconds"))
+    monkeypatch.setattr("truestroke.cli.learn._model", lambda *_: (None, ""))
+    texts = []
+    for frequency in ("100", "50", "200"):
+        Path("learned.toml").write_text('format = "truestroke model"')
+        done = CliRunner().invoke(main, ["learn", "--frequency", frequency, *options])
+        texts.append(Path("learned.csv").read_text())
+    assert "now called learned-2.csv, learned-2.toml, learned-2.html; with --overwrite" in done.stderr
+    assert [Path(f"learned-{k}.csv").read_text() for k in (1, 2)] == texts[:2]
+    CliRunner().invoke(main, ["learn", "--frequency", "100", *options, "--overwrite"])
+    assert not Path("learned-3.csv").exists()
+    assert Path("learned.csv").read_text().count("\n") == texts[0].count("\n")
+
+
 # ---- How long it takes ----------------------------------------------------------------------------------------------
 
 

@@ -140,7 +140,7 @@ def _foretell(wave: truestroke.Trajectory, config: Path | None, options: dict[st
             takes = f"{display.lasting(seconds)} of motion take about {display.lasting(simulated)}"
             fewer = "; or fewer --passes, or a stage of yours by --config FILE"
             raise click.UsageError(f"--frequency {frequency:g} Hz: must be {least}, as {takes}{fewer}.")
-        seconds, what = simulated, f"{passes} simulated passes of {display.lasting(each)} take"
+        seconds, what = simulated, f"{passes} simulated passes of {display.lasting(each)} take about"
     common.foretell(what, seconds, as_json)
 
 
@@ -254,9 +254,12 @@ def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
     """Writes the best waveform after each pass, so that no fault loses it, and prints the pass."""
     from truestroke.report import learning
 
+    former = [] if files.replacing() else [target.with_suffix(ending) for ending in (".csv", ".toml", ".html")]
     heads = [f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}"]
 
     def report(found: Learned) -> None:
+        if former:
+            _set_aside(former)
         truestroke.save_waveform(target, waveforms.learned(found))
         if not as_json:
             if heads:
@@ -267,3 +270,12 @@ def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
             sys.stdout.flush()
 
     return report
+
+
+def _set_aside(former: list[Path]) -> None:
+    """What an earlier `learn` has written gets another name before the first pass replaces it; a line says so."""
+    kept = files.set_aside(former)
+    former.clear()
+    if kept:
+        names = ", ".join(map(str, kept))
+        common.complain(f"of an earlier learn, now called {names}; with --overwrite they would have been replaced")

@@ -64,7 +64,7 @@ def scan(
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
-    common.foretell(f"{PIXELS} rows at {rate:g} a second take", seconds_for(rate), as_json)
+    common.foretell(f"{PIXELS} rows at {rate:g} a second take about", seconds_for(rate), as_json)
     _say(expected(rate, resonances), as_json)
     with common.progress("scanning") as tell, ThreadPoolExecutor(1) as beside:
         loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
