@@ -272,7 +272,7 @@ def _of_neighbours(error: FloatArray) -> float:
     """By the pieces without gaps; where all are short, by what came."""
     if not np.isfinite(error).any():
         return 0.0
-    pieces = np.ma.clump_unmasked(np.ma.masked_invalid(error))
+    pieces = np.ma.clump_unmasked(np.ma.masked_invalid(error))  # type: ignore[no-untyped-call]
     return noise(_without_gaps(error), pieces) or metrics.noise(error)
 
 
