@@ -983,6 +983,18 @@ def test_dynamics_of_another_sample_rate_are_refused_by_their_file(tmp_path, mon
     assert "--dynamics fast.toml: sample_rate = 20000 Hz: must be 10000 Hz" in done.stderr
 
 
+@pytest.mark.parametrize(("frequency", "unit"), [(2.0, "ms"), (1.0, "s")])
+def test_the_page_shows_a_long_repetition_in_seconds(frequency, unit):
+    """10 s had labels of 10,000 ms, too long for a phone."""
+    from truestroke.report import learning as report
+
+    learned = IterativeLearning(raster(frequency, 3.0), gain=8.3, voltage_limits=LIMITS, slew_limit=2e4, bandwidth=90.0)
+    made = learned.learn(np.tile(8.0 * learned.volts, 3))
+    found = Learned(passes=(made,), learning=learned)
+    assert report.chart(found).label == f"time ({unit})"
+    assert report.plots(found)["period"].axes[-1].get_xlabel() == f"time ({unit})"
+
+
 # ---- Files ----------------------------------------------------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke.base import files, toml
+from truestroke.base import files, system, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
@@ -61,6 +61,7 @@ def scan(
 
     from truestroke.studies.scanning.imaging import PIXELS, expected, image, planned, seconds_for
 
+    system.return_memory()
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
