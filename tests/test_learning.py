@@ -1006,9 +1006,9 @@ def test_what_was_learned_before_is_kept_under_another_name_unless_it_may_be_rep
     monkeypatch.setattr("truestroke.cli.learn._model", lambda *_: (None, ""))
     texts = []
     for frequency in ("100", "50", "200"):
-        Path("learned.toml").write_text('format = "truestroke model"')
         done = CliRunner().invoke(main, ["learn", "--frequency", frequency, *options])
         texts.append(Path("learned.csv").read_text())
+        Path("learned.toml").write_text('format = "truestroke model"')
     assert "now called learned-2.csv, learned-2.toml, learned-2.html; with --overwrite" in done.stderr
     assert [Path(f"learned-{k}.csv").read_text() for k in (1, 2)] == texts[:2]
     CliRunner().invoke(main, ["learn", "--frequency", "100", *options, "--overwrite"])

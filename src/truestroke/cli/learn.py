@@ -79,11 +79,11 @@ def learn(
         given["dynamics"] = waveforms.dynamics_of(options["dynamics"], rate)
     if options["model"] is not None:
         given["model"] = truestroke.usable_model(options["model"], force=options["force"])
-    _foretell(wave, config, options, as_json)
+    expected = _expected(wave, config, options)
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:
-            found = _learned(driver, wave, limits | given, target, as_json)
+            found = _learned(driver, wave, limits | given, target, expected, as_json)
     except StoppedError as error:
         return common.complain(str(error), ExitCode.STOPPED)
     except truestroke.DriverError as error:
@@ -125,8 +125,8 @@ def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Traje
     return made
 
 
-def _foretell(wave: truestroke.Trajectory, config: Path | None, options: dict[str, Any], as_json: bool) -> None:
-    """How long all passes take at most, where that is long; a UsageError for a simulation of more than minutes."""
+def _expected(wave: truestroke.Trajectory, config: Path | None, options: dict[str, Any]) -> tuple[str, float]:
+    """How long all passes take: words, and s; a UsageError for a simulation of more than minutes."""
     from truestroke.runtime.learning import lasting
 
     passes = options["passes"]
@@ -141,14 +141,22 @@ def _foretell(wave: truestroke.Trajectory, config: Path | None, options: dict[st
             fewer = "; or fewer --passes, or a stage of yours by --config FILE"
             raise click.UsageError(f"--frequency {frequency:g} Hz: must be {least}, as {takes}{fewer}.")
         seconds, what = simulated, f"{passes} simulated passes of {display.lasting(each)} take about"
-    common.foretell(what, seconds, as_json)
+    return what, seconds
 
 
-def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:
+def _learned(
+    driver: Any,
+    wave: truestroke.Trajectory,
+    given: dict[str, Any],
+    target: Path,
+    expected: tuple[str, float],
+    as_json: bool,
+) -> Learned:
     """What was learned; where a later pass fails or is interrupted, a line says what is on the disk."""
     from truestroke.runtime.realtime.watched import StoppedError
 
     best: list[Learned] = []
+    waits = [expected]
     write, show = _reporter(target, as_json), common.activity(as_json)
 
     def kept() -> str:
@@ -161,13 +169,18 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
         if hasattr(driver, "expect"):  # shown on the live page
             _expect(driver, found, given)
 
+    def doing(what: str) -> None:
+        if waits:  # for what is refused before anything moves says nothing else
+            common.foretell(*waits.pop(), as_json)
+        show(what)
+
     def begins() -> None:
         if not as_json:
             place = wave.position[len(wave) // 2 :]  # behind the way from 0 um
             click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
 
     try:
-        return truestroke.learn(driver, wave, **given, report=report, doing=show, begins=begins)
+        return truestroke.learn(driver, wave, **given, report=report, doing=doing, begins=begins)
     except truestroke.TruestrokeError as error:
         if not best:
             raise
