@@ -359,6 +359,21 @@ def test_stamps_without_a_unit_may_be_in_any_and_counters_are_none(tmp_path: Pat
         assert (bool(record.contradictions), "are not used" in record.unused) == (wrong, not wrong)
 
 
+@pytest.mark.parametrize(("even", "share", "wrong"), [(True, 1.02, True), (True, 1.005, False), (False, 1.015, False)])
+def test_even_stamps_show_a_rate_that_is_off_by_two_per_cent(
+    tmp_path: Path, even: bool, share: float, wrong: bool
+) -> None:
+    """Those of a computer, which wander, show it to 2 %; those of a card to a hundredth."""
+    t = np.arange(2000) / 1000.0
+    x = 1.5 - 1.5 * np.cos(60 * t)
+    stamps = t if even else t + 2e-4 * np.random.default_rng(0).uniform(size=t.size)
+    np.savez(tmp_path / "a.npz", **{"time (s)": stamps, "volts (V)": x, "z (um)": 10 * x})
+    record = read_record(tmp_path / "a.npz", sample_rate=1000.0 * share)
+    assert bool(record.contradictions) == wrong
+    if wrong:
+        assert "the sample rate is given as 1020 Hz, but the time stamps of the file" in record.contradictions[0]
+
+
 @pytest.mark.parametrize("written", ["%.4f", "%.5e"])
 @pytest.mark.parametrize("shape", ["sine", "triangle"])
 def test_the_rounding_of_a_text_is_no_noise(tmp_path: Path, shape: str, written: str) -> None:
