@@ -29,6 +29,7 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
     rows = record_mistakes.table(records)
     assert {name: len(missed) for name, (*_, missed) in rows.items() if missed} == {
         "None": 3,
+        "The voltage at 0.15 of its size, labelled V": 3,  # another actuator could have this gain
         "The same, labelled um": 3,  # another actuator could have this stroke
         "The zero of the sensor jumps by 15 % of the stroke after three fifths of the record": 1,  # with steps
         "An AC-coupled displacement: a corner at a tenth of the frequency of the strokes": 1,  # of ten strokes

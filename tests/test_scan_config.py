@@ -345,7 +345,7 @@ def test_a_single_image_has_no_margins_and_is_shown_whole_on_a_phone() -> None:
     assert figure.axes[0].get_position().width > 0.8
     text = scan_page.page(found, found.verdict).html()
     over, image = (re.search(rf"<svg[^>]*{name}-title", text)[0] for name in ("over", "image"))  # type: ignore[index]
-    assert 'class="narrow" style="--share: 71%"' in over
+    assert 'class="narrow" style="max-width: 71%"' in over
     assert "narrow" not in image
 
 

@@ -219,7 +219,7 @@ def svg(figure: Figure, name: str, description: str) -> str:
         text = text.replace(colour, f"var(--{variable})")
     box = re.search(r'viewBox="[^"]*"', text)
     share = figure.get_figwidth() / style.WIDTH
-    narrow = f'class="narrow" style="--share: {100 * share:.0f}%"' if share < NARROW else ""
+    narrow = f'class="narrow" style="max-width: {100 * share:.0f}%"' if share < NARROW else ""
     opening = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0] if box else ""} '
         f"{narrow} "
