@@ -61,10 +61,11 @@ def scan(
 
     from truestroke.studies.scanning.imaging import PIXELS, expected, image, planned, seconds_for
 
-    system.return_memory()
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
+    if seconds_for(rate) > common.LONG:
+        system.return_memory()  # a tenth of the time of fast rows
     common.foretell(f"{PIXELS} rows at {rate:g} a second take about", seconds_for(rate), as_json)
     _say(expected(rate, resonances), as_json)
     with common.progress("scanning") as tell, ThreadPoolExecutor(1) as beside:
