@@ -1022,7 +1022,14 @@ def test_what_was_learned_before_is_kept_under_another_name_unless_it_may_be_rep
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--frequency", "0.001"], ("--frequency 0.001 Hz: must be at least ", "11 hours of motion", "--passes")),
+        (
+            ["--frequency", "0.001"],
+            (
+                "--frequency 0.001 Hz: must be at least 0.01 Hz in the simulation with 8",
+                "11 hours of motion",
+                "--passes",
+            ),
+        ),
         (["--frequency", "0.002", "--passes", "1000"], ("duration of the motion = ", "at most a day in 1000 passes")),
     ],
 )
@@ -1033,6 +1040,14 @@ def test_a_motion_that_takes_hours_is_refused_with_what_is_needed(options, words
     result = CliRunner().invoke(main, ["learn", *options])
     assert result.exit_code == 2
     assert all(one in result.stderr for one in words), result.stderr
+
+
+def test_the_frequency_that_is_named_is_one_that_is_taken(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["learn", "--frequency", "0.01"])
+    assert result.exit_code == 130
+    assert "take about 5.3 minutes." in result.stderr
 
 
 def test_a_pass_that_does_not_fit_the_memory_is_refused(monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -136,7 +137,10 @@ def _expected(wave: truestroke.Trajectory, config: Path | None, options: dict[st
         simulated = TICK * wave.sample_rate * seconds
         if simulated > LONGEST_SIMULATION:
             frequency, times = options["frequency"], simulated / LONGEST_SIMULATION
-            least = f"at least {1.05 * times * frequency:.2g} Hz in the simulation with {passes} passes"
+            # of 1, 2, 5 and their tenfolds: a period that is a whole number of samples is repeated as it is
+            decade = 10.0 ** math.floor(math.log10(times * frequency))
+            enough = next(one * decade for one in (1, 2, 5, 10) if one * decade >= times * frequency)
+            least = f"at least {enough:g} Hz in the simulation with {passes} passes"
             takes = f"{display.lasting(seconds)} of motion take about {display.lasting(simulated)}"
             fewer = "; or fewer --passes, or a stage of yours by --config FILE"
             raise click.UsageError(f"--frequency {frequency:g} Hz: must be {least}, as {takes}{fewer}.")
