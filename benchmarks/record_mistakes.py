@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from benchmarks import foreign_records, further_records, other_records, unseen_records
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, lfilter
 
 from truestroke import plant, trajectories
@@ -58,6 +59,11 @@ def sample_rate(r: Record) -> Planted:
     return named(r.time, r.volts, r.displacement), {"sample_rate": 5 * r.sample_rate}
 
 
+def slightly(r: Record) -> Planted:
+    """A sample rate 2 % above that of the time stamps"""
+    return named(r.time, r.volts, r.displacement), {"sample_rate": 1.02 * r.sample_rate}
+
+
 def milliseconds(r: Record) -> Planted:
     """Seconds labelled ms"""
     return {"time (ms)": r.time, "volts (V)": r.volts, "z (um)": r.displacement}, {}
@@ -71,6 +77,11 @@ def seconds(r: Record) -> Planted:
 def millivolts(r: Record) -> Planted:
     """mV labelled V"""
     return named(r.time, 1e3 * r.volts, r.displacement), {}
+
+
+def fraction(r: Record) -> Planted:
+    """The voltage at 0.15 of its size, labelled V"""
+    return named(r.time, 0.15 * r.volts, r.displacement), {}
 
 
 def sensor_volts(r: Record) -> Planted:
@@ -108,6 +119,11 @@ def late_command(r: Record) -> Planted:
     """The same a row later and rounded to 1 in 100,000, as a file has it"""
     gain, digit = np.ptp(r.displacement) / np.ptp(r.volts), 1e-5 * np.ptp(r.displacement)
     return named(r.time[1:], r.volts[1:], digit * np.round(gain * r.volts[:-1] / digit)), {}
+
+
+def set_point(r: Record) -> Planted:
+    """A fifth of the displacement's command in place of the voltage, as of a closed loop"""
+    return named(r.time, 0.2 * gaussian_filter1d(r.displacement, 1.0), r.displacement), {}
 
 
 def early(r: Record) -> Planted:
@@ -300,9 +316,11 @@ def shift(r: Record, share: float) -> int:
 MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     nothing,
     sample_rate,
+    slightly,
     milliseconds,
     seconds,
     millivolts,
+    fraction,
     sensor_volts,
     sensor_volts_labelled,
     nanometres,
@@ -310,6 +328,7 @@ MISTAKES: tuple[Callable[[Record], Planted], ...] = (
     swapped,
     command,
     late_command,
+    set_point,
     early,
     late,
     very_late,

@@ -44,8 +44,13 @@ def runs_of(page: Path) -> Runs:
 
 
 def truestroke(command: str) -> None:
-    """Run a command as a page says it."""
-    subprocess.run([Path(sys.executable).with_name("truestroke"), *shlex.split(command)], check=True)
+    """Run a command as a page says it; `# exit code 4` behind it is how it ends there."""
+    code = int(match[1]) if (match := re.search(r"# exit code (\d+)", command)) else 0
+    done = subprocess.run(
+        [Path(sys.executable).with_name("truestroke"), *shlex.split(command, comments=True)], check=False
+    )
+    if done.returncode != code:
+        raise SystemExit(f"truestroke {command}: exit code {done.returncode}, must be {code}")
 
 
 def plot_error(axes: Axes, run: Recording, span: tuple[float, float], scale: float, **line: Any) -> None:

@@ -981,3 +981,96 @@ def test_dynamics_of_another_sample_rate_are_refused_by_their_file(tmp_path, mon
     done = CliRunner().invoke(main, [*command.split(), "--dynamics", "fast.toml"])
     assert done.exit_code == 2
     assert "--dynamics fast.toml: sample_rate = 20000 Hz: must be 10000 Hz" in done.stderr
+
+
+@pytest.mark.parametrize(("frequency", "unit"), [(2.0, "ms"), (1.0, "s")])
+def test_the_page_shows_a_long_repetition_in_seconds(frequency, unit):
+    """10 s had labels of 10,000 ms, too long for a phone."""
+    from truestroke.report import learning as report
+
+    learned = IterativeLearning(raster(frequency, 3.0), gain=8.3, voltage_limits=LIMITS, slew_limit=2e4, bandwidth=90.0)
+    made = learned.learn(np.tile(8.0 * learned.volts, 3))
+    found = Learned(passes=(made,), learning=learned)
+    assert report.chart(found).label == f"time ({unit})"
+    assert report.plots(found)["period"].axes[-1].get_xlabel() == f"time ({unit})"
+
+
+# ---- Files ----------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_learned_before_is_kept_under_another_name_unless_it_may_be_replaced(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dynamics(900.0, 0.02).save("known.toml")
+    options = ["--averaged", "0.05", "--settle", "0.05", "--passes", "1", "--dynamics", "known.toml"]
+    monkeypatch.setattr(learning_module, "identify", lambda *_, **__: pytest.fail("it takes seconds"))
+    monkeypatch.setattr("truestroke.cli.learn._model", lambda *_: (None, ""))
+    texts = []
+    for frequency in ("100", "50", "200"):
+        done = CliRunner().invoke(main, ["learn", "--frequency", frequency, *options])
+        texts.append(Path("learned.csv").read_text())
+        Path("learned.toml").write_text('format = "truestroke model"')
+    assert "now called learned-2.csv, learned-2.toml, learned-2.html; with --overwrite" in done.stderr
+    assert [Path(f"learned-{k}.csv").read_text() for k in (1, 2)] == texts[:2]
+    CliRunner().invoke(main, ["learn", "--frequency", "100", *options, "--overwrite"])
+    assert not Path("learned-3.csv").exists()
+    assert Path("learned.csv").read_text().count("\n") == texts[0].count("\n")
+
+
+# ---- How long it takes ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            ["--frequency", "0.001"],
+            (
+                "--frequency 0.001 Hz: must be at least 0.01 Hz in the simulation with 8",
+                "11 hours of motion",
+                "--passes",
+            ),
+        ),
+        (["--frequency", "0.002", "--passes", "1000"], ("duration of the motion = ", "at most a day in 1000 passes")),
+    ],
+)
+def test_a_motion_that_takes_hours_is_refused_with_what_is_needed(options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda *_: pytest.fail("it was driven"))
+    monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1e12)
+    result = CliRunner().invoke(main, ["learn", *options])
+    assert result.exit_code == 2
+    assert all(one in result.stderr for one in words), result.stderr
+
+
+def test_the_frequency_that_is_named_is_one_that_is_taken(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["learn", "--frequency", "0.01"])
+    assert result.exit_code == 130
+    assert "take about 5.3 minutes." in result.stderr
+
+
+def test_a_pass_that_does_not_fit_the_memory_is_refused(monkeypatch):
+    from truestroke.runtime.learning import lasting
+
+    wave = np.sin(2 * np.pi * np.arange(10**6) / 10**6)
+    assert lasting(wave, FS, passes=3) == (3 * 500.0, 500.0)
+    monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1e9)
+    with pytest.raises(SettingError, match=r"duration of a pass = 8\.3 minutes: must be less, as a pass of 5e\+06 sam"):
+        truestroke.learn(StagePlant(), wave, sample_rate=FS, voltage_limits=LIMITS, slew=2e4, stroke=35.0)
+
+
+def test_what_takes_long_says_so_before_the_first_pass_and_shows_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StagePlant, "exchange", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["learn", "--frequency", "0.1"])
+    assert result.exit_code == 130
+    assert "8 simulated passes of 50 s take about 32 s." in result.stderr
+    monkeypatch.undo()
+    monkeypatch.setattr("truestroke.runtime.learning.PART", 1000)
+    wave, begun = raster(50.0), []
+    limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "dynamics": dynamics(900.0, 0.02)}
+    found = truestroke.learn(StagePlant(), wave, **limits, passes=1, averaged=0.1, doing=begun.append)
+    assert begun == ["pass 0", *(f"{part} % of a pass" for part in (25, 50, 75))]
+    whole = truestroke.learn(StagePlant(), wave, **limits, passes=1, averaged=0.1)
+    assert found.passes[0].rmse == whole.passes[0].rmse

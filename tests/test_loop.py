@@ -257,3 +257,13 @@ def test_calls_that_take_other_arguments_are_named_before_the_first_tick() -> No
         run(wave, fast, RealisticPlant(seed=0))
     with pytest.raises(SettingError, match=r"exchange = exchange\(\): must be callable as exchange\(volts\)"):
         run(wave, Proportional(1.0), bench)
+
+
+def test_a_recording_that_does_not_fit_the_memory_is_refused_before_anything_moves(monkeypatch):
+    wave = trajectories.sine(frequency=8.0, peak_to_peak=20.0, duration=400.0)
+    monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1e8)
+    controller = truestroke.AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    with pytest.raises(
+        truestroke.SettingError, match=r"trajectory = of 800000 ticks: must be at most 4\.55e\+05: a rec"
+    ):
+        truestroke.run(wave, controller, RealisticPlant())

@@ -29,6 +29,7 @@ def test_each_mistake_is_found_in_records_of_other_models_and_none_in_the_record
     rows = record_mistakes.table(records)
     assert {name: len(missed) for name, (*_, missed) in rows.items() if missed} == {
         "None": 3,
+        "The voltage at 0.15 of its size, labelled V": 3,  # another actuator could have this gain
         "The same, labelled um": 3,  # another actuator could have this stroke
         "The zero of the sensor jumps by 15 % of the stroke after three fifths of the record": 1,  # with steps
         "An AC-coupled displacement: a corner at a tenth of the frequency of the strokes": 1,  # of ten strokes
@@ -357,6 +358,21 @@ def test_stamps_without_a_unit_may_be_in_any_and_counters_are_none(tmp_path: Pat
         np.savez(tmp_path / "a.npz", time=stamps, volts=x, z=10 * x)
         record = read_record(tmp_path / "a.npz", sample_rate=1000.0)
         assert (bool(record.contradictions), "are not used" in record.unused) == (wrong, not wrong)
+
+
+@pytest.mark.parametrize(("even", "share", "wrong"), [(True, 1.02, True), (True, 1.005, False), (False, 1.015, False)])
+def test_even_stamps_show_a_rate_that_is_off_by_two_per_cent(
+    tmp_path: Path, even: bool, share: float, wrong: bool
+) -> None:
+    """Those of a computer, which wander, show it to 2 %; those of a card to a hundredth."""
+    t = np.arange(2000) / 1000.0
+    x = 1.5 - 1.5 * np.cos(60 * t)
+    stamps = t if even else t + 2e-4 * np.random.default_rng(0).uniform(size=t.size)
+    np.savez(tmp_path / "a.npz", **{"time (s)": stamps, "volts (V)": x, "z (um)": 10 * x})
+    record = read_record(tmp_path / "a.npz", sample_rate=1000.0 * share)
+    assert bool(record.contradictions) == wrong
+    if wrong:
+        assert "the sample rate is given as 1020 Hz, but the time stamps of the file" in record.contradictions[0]
 
 
 @pytest.mark.parametrize("written", ["%.4f", "%.5e"])

@@ -182,6 +182,14 @@ def test_a_line_that_takes_no_two_ticks_is_named_by_its_points(points: int, leas
         flights.flight(scan, 10_000.0, speed=500.0)
 
 
+def test_a_flight_that_does_not_fit_the_memory_is_refused() -> None:
+    words = (
+        r"^duration of a point = 10000 s: must be so short that all lines take at most .* not 1e\+05: .* GB are free"
+    )
+    with pytest.raises(SettingError, match=words):
+        flights.flight([flights.Line(5.0, 15.0, 10, 1e5)], 1e6, speed=500.0)
+
+
 @pytest.mark.parametrize("duration", [0.0, -0.01])
 def test_a_point_that_takes_no_time_is_named_with_its_duration(duration):
     with pytest.raises(SettingError, match=rf"^duration of a point = {duration:g} s: must be above 0 s: 0.005 @ spec"):

@@ -130,6 +130,8 @@ def test_origin_home_and_adapter_origin(core: UniMMCore, tmp_path: Path) -> None
     core.waitForDevice("Z")
     core.setAdapterOrigin(50.0)
     assert core.getPosition() == pytest.approx(50.0, abs=0.3)
+    with pytest.raises(ValueError, match=r"target of axis z = 'up' um: must be a number"):
+        core.setPosition("up")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"target of axis z = -1\.0 um: must be from 0 to 30 um"):
         core.setPosition(37.0)
 

@@ -66,10 +66,11 @@ def test_a_scan_that_is_cut_short_is_remembered(found: dict[str, Any]) -> None:
 
 
 def test_what_cannot_be_is_an_error_of_the_activation(found: dict[str, Any]) -> None:
-    too_long, unknown, missing = found["refused"]
+    too_long, unknown, missing, channel = found["refused"]
     assert too_long.startswith("position_ranges of x: 90 um from end to end, but its model reaches 4")
     assert unknown == "models: no axis w; position_ranges has x, y"
     assert "none.toml" in missing
+    assert channel == "ni_channel_mapping of x = 'ao7': must be an output of the card: ao0, ao1"
 
 
 def test_a_bad_model_is_refused_and_a_doubtful_one_said(found: dict[str, Any]) -> None:

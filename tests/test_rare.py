@@ -376,3 +376,12 @@ def test_a_second_column_in_volts_is_said(good: tuple[FloatArray, FloatArray], t
     for named, said in ((None, True), ("Vout", False)):
         warnings = examine(read_record(tmp_path / "a.csv", volts=named)).warnings
         assert any(warning.startswith(says) for warning in warnings) == said
+
+
+def test_a_voltage_that_was_not_recorded_is_no_slew_limit() -> None:
+    """Where 0 V stand the displacement goes on: as fast as an amplifier at its limit, which was asked about, too."""
+    (record,) = foreign_records.records(makers=(foreign_records.short,))
+    x = record.volts * (np.arange(record.time.size) < 0.9 * record.time.size)
+    said = examine(Record.from_arrays(x, record.displacement, time=record.time)).implausible
+    assert any("while the displacement moves as if it went on: was it not recorded there?" in one for one in said)
+    assert not any("slew rate" in one for one in said)

@@ -681,3 +681,30 @@ def test_stamps_that_are_too_coarse_ask_for_the_sample_rate(tmp_path: Path, digi
     path = text(tmp_path / "r.csv", np.floor(T * 10**digits + 1e-9) / 10**digits, V, Z, head="t,V,z\n")
     with pytest.raises(RecordError, match=r"too coarse; give the `sample_rate`, by them about 1000 Hz$"):
         read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        (lambda i: i >= 30, 32),
+        (lambda i: i == 450, 452),
+        (lambda i: i < 5, 2),
+    ],
+    ids=["from within what the layout is found by", "one row", "at the beginning"],
+)
+@pytest.mark.parametrize("columns", [(0, 1, 2), (2,)], ids=["all columns", "the last column"])
+def test_decimal_commas_of_some_rows_between_commas_are_named(rows, line, columns, tmp_path):
+    """22,5 in the last column was read as 22, and no word said; in all columns the time repeated."""
+    lines = ["time (s),volts (V),z (um)"]
+    for i in range(500):
+        cells = [f"{value:.3f}" for value in (i / 100, np.sin(i / 20), 10 * np.sin(i / 20 - 0.2))]
+        for k in columns if rows(i) else ():
+            cells[k] = cells[k].replace(".", ",")
+        lines.append(",".join(cells))
+    path = tmp_path / "half.csv"
+    path.write_text("\n".join(lines) + "\n")
+    words = (
+        rf"line {line}: .* has {3 + len(columns)} numbers, the columns are 3: are there decimal commas between commas"
+    )
+    with pytest.raises(RecordError, match=words):
+        read_record(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -332,6 +333,20 @@ def test_a_flat_image_fills_its_picture_and_axes_have_their_names(height, stacke
     assert first.height * size / (first.width * width) == pytest.approx(shown, rel=0.01)
     assert first.height * size > 0.25 * (size / 2 if stacked else size)
     assert (figure.axes[1].get_xlabel(), figure.axes[0].get_ylabel()) == ("tip (µm)", "z (µm)")
+
+
+def test_a_single_image_has_no_margins_and_is_shown_whole_on_a_phone() -> None:
+    """Of 7 in a square image of 4.2 took the middle: a phone showed two thirds of it."""
+    scan = scans.raster(width=10.0, lines=16, rate=40.0, sample_rate=5000.0)
+    texture = scans.Texture(seed=2)(scan.x.position, scan.y.position)
+    found = scans.recorded(scan, scan.x.position, scan.y.position, texture, columns=64)
+    figure = scan_page.plots(found)["over"]
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_position().width > 0.8
+    text = scan_page.page(found, found.verdict).html()
+    over, image = (re.search(rf"<svg[^>]*{name}-title", text)[0] for name in ("over", "image"))  # type: ignore[index]
+    assert 'class="narrow" style="max-width: 71%"' in over
+    assert "narrow" not in image
 
 
 def test_a_ramp_of_the_slow_axis_is_no_shift_of_the_retrace() -> None:

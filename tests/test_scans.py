@@ -731,3 +731,26 @@ def test_resonances_that_are_none_are_named(resonances, words):
 def test_a_rate_that_cannot_be_is_named(given_, words):
     with pytest.raises(SettingError, match=words):
         scans.quiet_rate(**{"rate": 40.0, "resonances": [600.0], "sample_rate": 2000.0, **given_})
+
+
+def test_a_resonance_beyond_the_harmonics_of_another_rate_is_no_error():
+    """150 Hz is the 30th harmonic of 5 rows a second, and beyond the 30th of 4.9."""
+    from truestroke.signals.scans import rates
+
+    scan = scans.raster(lines=4, rate=5.0, sample_rate=2000.0)
+    words = rates.advice(scan, {"x": 150.0})
+    assert words.startswith("At 5 rows a second harmonic 30 meets the resonance of x, 150 Hz")
+
+
+def test_an_error_of_fast_lines_is_not_taken_for_noise():
+    """20 ticks a row: 0.8 um that repeat in each row were within the noise, whose rms is 13 nm."""
+    scan = scans.raster(width=6.0, lines=64, rate=100.0, sample_rate=2000.0)
+    phase = 2 * np.pi * 100.0 * scan.time
+    off = 0.8 * np.sin(phase) + 0.4 * np.sin(3 * phase + 1.0) + 0.2 * np.sin(8 * phase)
+    x, y = (axis.position + np.random.default_rng(k).normal(0.0, 0.013, off.size) for k, axis in enumerate(scan.axes))
+    found = scans.recorded(scan, x + off, y, np.sin(x), columns=7)
+    assert found.noise == pytest.approx((0.013, 0.013), rel=0.15)
+    assert found.rms_um()[0] == pytest.approx(np.sqrt(np.mean(off[scan.inside] ** 2)), rel=0.01)
+    assert found.rms_um()[1] < 0.004
+    x[::2] = np.nan
+    assert scans.recorded(scan, x + off, y, np.sin(y), columns=7).rms_um()[0] > 0.5

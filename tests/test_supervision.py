@@ -232,6 +232,26 @@ def test_swapped_inputs_are_told_from_a_dead_one() -> None:
         examined(axes, plants, order=slice(None, None, -1))
 
 
+@pytest.mark.parametrize("degrees", [90, -90])
+def test_sensors_at_a_right_angle_are_said_with_the_rotation_that_it_is(degrees: int) -> None:
+    """The sensor of y reads the motion of x where they are turned by 90 degrees, and its negative by -90."""
+    axes = [axis(name=name, safe_voltage=0.0) for name in "xy"]
+    plants = [Wired(lambda z, k: z if degrees > 0 else -z, 0), Wired(lambda z, k: z, 1)]
+    with pytest.raises(
+        Stop, match=rf"or the sensors stand at {degrees} degrees: rotation = {degrees}.0 in \[coupled\]"
+    ):
+        examined(axes, plants, order=slice(None, None, -1))
+
+
+def test_a_motion_on_the_wrong_side_of_zero_is_shifted_not_made_smaller() -> None:
+    """As of y where the sensors are turned by 90 degrees and the scan is where x and y are above 0."""
+    down = sine(frequency=4.0, peak_to_peak=10.0, offset=-20.0, duration=1.0)
+    with pytest.raises(
+        Stop, match=r"do not reach -25 to 0 um. Shift the motion, as by its offset \(where sensors are tur"
+    ):
+        examined([axis(down, safe_voltage=0.0)], [Wired(lambda z, k: z, 0)])
+
+
 # ---- The zero ------------------------------------------------------------------------------------------------------
 
 

@@ -313,3 +313,28 @@ def test_the_lock_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     kernel.locks.clear()  # as Windows does
     assert not files.busy(tmp_path / "a")
     assert kernel.locks == {}
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc")
+def test_arrays_that_are_freed_are_given_back_to_the_system():
+    """Three of 16 MB in turn: from the second one on glibc keeps them."""
+    script = """
+import numpy as np
+from truestroke.base import system
+if {asked}: assert system.return_memory()
+def taken():
+    return int(open("/proc/self/statm").read().split()[1]) * 4096
+def use():
+    a = np.ones(1_000_000)
+    b = np.ones(2_000_000)
+    del a, b
+before = taken()
+for _ in range(3):
+    use()
+print(taken() - before)
+"""
+    kept = [
+        int(subprocess.run([sys.executable, "-c", script.format(asked=asked)], capture_output=True, check=True).stdout)
+        for asked in (False, True)
+    ]
+    assert kept[1] < 4e6 < kept[0]

@@ -5,6 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
+import truestroke
 from truestroke import Dynamics, Mode
 from truestroke.cli import main
 
@@ -52,3 +53,9 @@ def test_what_does_not_fit_the_stage_is_refused(given, words):
     done = call(*given)
     assert done.exit_code in (1, 2), done.output
     assert words in " ".join(done.output.split())
+
+
+def test_a_long_run_says_before_it_begins_how_long_it_takes(tmp_path, monkeypatch):
+    monkeypatch.setattr(truestroke, "run", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["track", "--duration", "10000", "--output", str(tmp_path / "x")])
+    assert "2e+07 ticks take about 2.3 minutes." in result.stderr

@@ -513,3 +513,9 @@ def test_velocity_estimate_refuses_nan_and_goes_on():
 def test_a_wave_beyond_a_kilometre_is_refused_by_name(absurd) -> None:
     with pytest.raises(SettingError, match=next(iter(absurd))):
         tr.random_wave(duration=1.0, **absurd)
+
+
+def test_a_motion_that_does_not_fit_the_memory_is_refused(monkeypatch):
+    monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1.2e9)
+    with pytest.raises(SettingError, match=r"duration = 20000\.0 s: must be at most 5e\+03 s at 2000 Hz: 4e\+07 ticks"):
+        tr.sine(frequency=1.0, duration=20_000.0)

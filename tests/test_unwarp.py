@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 import truestroke
-from truestroke import ImageError, ScanRecord, SettingError, Verdict, scans
+from truestroke import ImageError, RecordError, ScanRecord, SettingError, Verdict, scans
 from truestroke.cli import main
 from truestroke.identification import unwarp as unwarp_module
-from truestroke.identification.unwarp import by_direction, mirrored, read_scan_record, triggered
+from truestroke.identification.unwarp import by_direction, mirrored, read_lines, read_scan_record, triggered
 from truestroke.model.branches import Branches
 from truestroke.plant import StagePlant, StageSettings
 
@@ -601,3 +601,11 @@ def test_the_command_reads_a_trigger_and_names_one_that_is_missing(folder, tmp_p
     assert "there is no trigger of the trace beside that of the retrace" in text
     code, text = run(*common, "--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--trigger", "x")
     assert code == 2
+
+
+def test_a_line_that_ends_before_it_begins_is_named(tmp_path):
+    """All of them lasted -90 s, which were as the others; the first that was not was a damaged trigger."""
+    path = tmp_path / "lines.csv"
+    path.write_text("row,direction,start (s),end (s)\n0,1,0.1,0.2\n1,1,0.4,0.3\n")
+    with pytest.raises(RecordError, match=r"line 3: the line ends at 0.3 s, and begins at 0.4 s: are the columns"):
+        read_lines(path)

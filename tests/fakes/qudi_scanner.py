@@ -302,6 +302,8 @@ def main() -> None:
         scanner(dropin.InversePiezoInterfuse, folder, {}, models={"w": x}),
         scanner(dropin.InversePiezoInterfuse, folder, {}, models={"x": str(folder / "none.toml")}),
     ]
+    mapping = {**AXES, "x": "ao7"}
+    kept.append(scanner(dropin.InversePiezoInterfuse, folder, {}, models={"x": x}, ni_channel_mapping=mapping))
     found["refused"] = list(errors.seen)
     errors.setLevel(logging.WARNING)
     found["heeded"] = {}
@@ -311,7 +313,7 @@ def main() -> None:
         found["heeded"][level] = [kept[-1].module_state(), *errors.seen]
     sys.stdout.write(json.dumps(found) + "\n")
     sys.stdout.flush()
-    os._exit(len(kept) - 5)  # at once: threads of Qt end in their own way
+    os._exit(len(kept) - 6)  # at once: threads of Qt end in their own way
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import errno
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -308,6 +308,25 @@ class Growing:
 def _reopened(path: Path, final: Path, _: int) -> Growing:
     """In a process that cannot inherit the descriptor."""
     return Growing(path, final, system.reopen(path))
+
+
+def set_aside(paths: Sequence[Path]) -> list[Path]:
+    """Rename those of the files that are there to NAME-1, or to the first number that none of them has; the new names.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> for name in ("a.csv", "a.toml", "a-1.toml"):
+    ...     _ = (folder / name).write_text(name)
+    >>> [one.name for one in set_aside([folder / "a.csv", folder / "a.toml", folder / "a.html"])]
+    ['a-2.csv', 'a-2.toml']
+    """
+    number = 1
+    while any(path.with_stem(f"{path.stem}-{number}").exists() for path in paths):
+        number += 1
+    there = [path for path in paths if path.exists()]
+    return [path.rename(path.with_stem(f"{path.stem}-{number}")) for path in there]
 
 
 def beside(final: Path) -> Path:

@@ -66,6 +66,7 @@ NAME = sys.platform
 MACHINE = (platform.system(), platform.machine())
 """System and processor, in words of the system: ("Linux", "x86_64")."""
 
+UNCHECKED = 64e6  # bytes that are taken without a look at the memory that is free
 CLOCKS = "/sys/devices/system/clocksource/clocksource0/"
 """Folder of Linux that holds the sources of its clock."""
 
@@ -204,6 +205,23 @@ def free_memory() -> int:
     return 1024 * int(found[1]) if found else memory()
 
 
+def return_memory() -> bool:
+    """Give arrays of a MB and more back to the system as soon as they are freed; whether it is asked to.
+
+    glibc keeps for the next one what is as large as an array that was freed before, up to 32 MB, and in each thread.
+    """
+    import ctypes
+
+    mallopt = getattr(ctypes.CDLL(None) if sys.platform == "linux" else None, "mallopt", None)
+    return bool(mallopt and mallopt(_MMAP_THRESHOLD, 1 << 20))
+
+
+def lacking(needed: float) -> str:
+    """How much memory something takes, bytes, and how much is free, in words; "" where that is enough."""
+    free = free_memory() if needed > UNCHECKED else needed
+    return "" if needed <= free else f"{needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free"
+
+
 # ---- Processors and priority ---------------------------------------------------------------------------------------
 
 
@@ -279,6 +297,7 @@ def short_slices(seconds: float) -> Iterator[None]:
 _SCHEDULING = struct.Struct("=IIQiIQQQ")  # struct sched_attr, its first version
 _SLICE = 5  # of its members: sched_runtime, ns
 _CALLS = {"x86_64": (315, 314), "aarch64": (275, 274), "riscv64": (275, 274)}  # sched_getattr, sched_setattr
+_MMAP_THRESHOLD = -3  # M_MMAP_THRESHOLD of mallopt
 _SHARING = (0, 3)  # SCHED_OTHER, SCHED_BATCH: the policies that have slices
 
 

@@ -52,6 +52,7 @@ def bode(config: Path | None, axis: str | None, output: str, plots: Path | None,
     name = output.removesuffix(".toml")
     (page_file,) = common.outputs(name, ".html")
     model_file = common.to_write("--output", page_file.with_suffix(".toml"), files.DYNAMICS)
+    common.foretell("the excitation takes", options["duration"], as_json)
     try:
         named = {} if config is None else {"slew_limit": f"{config}: slew of the axis"}
         with _actuator(config, axis) as (actuator, limits), checks.inside("", named):

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import truestroke
-from truestroke.base import files, interrupts, streams, system
+from truestroke.base import display, files, interrupts, streams, system
 from truestroke.base.checks import SettingError
 from truestroke.base.errors import LatenessWarning, ModelWarning, TruestrokeError
 from truestroke.base.exit_codes import ExitCode
@@ -41,6 +41,7 @@ RENAMED = {"play": "playback", "zoo": "robustness"}  # commands by their old nam
 UNITS = {"HZ": "Hz", "S": "s", "UM": "um", "UM/S": "um/s", "V": "V", "V/S": "V/s", "LOW HIGH": "V"}  # by the metavar
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
+LONG = 20.0  # s: what takes longer says so before it begins
 GAP = 2  # characters between the columns of a table
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]  # a decorator of a command
 
@@ -448,6 +449,12 @@ def save_page(page: Page, file: Path, plots: Path | None) -> list[str]:
         page = dataclasses.replace(page, verdict=Verdict(page.verdict.level, reasons))
     page.save(file)
     return [str(path) for path in page.save_plots(plots)] if plots else []
+
+
+def foretell(what: str, seconds: float, as_json: bool = False) -> None:
+    """Before it begins, a line on stderr that says how long it takes, where that is long."""
+    if seconds > LONG and not as_json:
+        print_text(f"{what} {display.lasting(seconds)}.", err=True)
 
 
 @contextmanager

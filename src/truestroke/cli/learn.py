@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import truestroke
-from truestroke.base import checks, files
+from truestroke.base import checks, display, files
 from truestroke.base.exit_codes import ExitCode
 from truestroke.cli import common, realtime, waveforms
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
+TICK = 8e-6  # s of a sample that is simulated
+LONGEST_SIMULATION = 600.0  # s
 LONGEST = 10_000_000  # samples of a repetition
 
 
@@ -77,10 +80,11 @@ def learn(
         given["dynamics"] = waveforms.dynamics_of(options["dynamics"], rate)
     if options["model"] is not None:
         given["model"] = truestroke.usable_model(options["model"], force=options["force"])
+    expected = _expected(wave, config, options)
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:
-            found = _learned(driver, wave, limits | given, target, as_json)
+            found = _learned(driver, wave, limits | given, target, expected, as_json)
     except StoppedError as error:
         return common.complain(str(error), ExitCode.STOPPED)
     except truestroke.DriverError as error:
@@ -122,11 +126,41 @@ def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Traje
     return made
 
 
-def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], target: Path, as_json: bool) -> Learned:
+def _expected(wave: truestroke.Trajectory, config: Path | None, options: dict[str, Any]) -> tuple[str, float]:
+    """How long all passes take: words, and s; a UsageError for a simulation of more than minutes."""
+    from truestroke.runtime.learning import lasting
+
+    passes = options["passes"]
+    seconds, each = lasting(wave, passes=passes, settle=options["settle"], averaged=options["averaged"])
+    what = f"{passes} passes of {display.lasting(each)} take at most"
+    if config is None:
+        simulated = TICK * wave.sample_rate * seconds
+        if simulated > LONGEST_SIMULATION:
+            frequency, times = options["frequency"], simulated / LONGEST_SIMULATION
+            # of 1, 2, 5 and their tenfolds: a period that is a whole number of samples is repeated as it is
+            decade = 10.0 ** math.floor(math.log10(times * frequency))
+            enough = next(one * decade for one in (1, 2, 5, 10) if one * decade >= times * frequency)
+            least = f"at least {enough:g} Hz in the simulation with {passes} passes"
+            takes = f"{display.lasting(seconds)} of motion take about {display.lasting(simulated)}"
+            fewer = "; or fewer --passes, or a stage of yours by --config FILE"
+            raise click.UsageError(f"--frequency {frequency:g} Hz: must be {least}, as {takes}{fewer}.")
+        seconds, what = simulated, f"{passes} simulated passes of {display.lasting(each)} take about"
+    return what, seconds
+
+
+def _learned(
+    driver: Any,
+    wave: truestroke.Trajectory,
+    given: dict[str, Any],
+    target: Path,
+    expected: tuple[str, float],
+    as_json: bool,
+) -> Learned:
     """What was learned; where a later pass fails or is interrupted, a line says what is on the disk."""
     from truestroke.runtime.realtime.watched import StoppedError
 
     best: list[Learned] = []
+    waits = [expected]
     write, show = _reporter(target, as_json), common.activity(as_json)
 
     def kept() -> str:
@@ -139,13 +173,18 @@ def _learned(driver: Any, wave: truestroke.Trajectory, given: dict[str, Any], ta
         if hasattr(driver, "expect"):  # shown on the live page
             _expect(driver, found, given)
 
+    def doing(what: str) -> None:
+        if waits:  # for what is refused before anything moves says nothing else
+            common.foretell(*waits.pop(), as_json)
+        show(what)
+
     def begins() -> None:
         if not as_json:
             place = wave.position[len(wave) // 2 :]  # behind the way from 0 um
             click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
 
     try:
-        return truestroke.learn(driver, wave, **given, report=report, doing=show, begins=begins)
+        return truestroke.learn(driver, wave, **given, report=report, doing=doing, begins=begins)
     except truestroke.TruestrokeError as error:
         if not best:
             raise
@@ -232,9 +271,12 @@ def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
     """Writes the best waveform after each pass, so that no fault loses it, and prints the pass."""
     from truestroke.report import learning
 
+    former = [] if files.replacing() else [target.with_suffix(ending) for ending in (".csv", ".toml", ".html")]
     heads = [f"{'pass':>4}  {'rmse':>10}  {'of p-p':>8}  {'maximum':>10}  {'noise':>9}"]
 
     def report(found: Learned) -> None:
+        if former:
+            _set_aside(former)
         truestroke.save_waveform(target, waveforms.learned(found))
         if not as_json:
             if heads:
@@ -245,3 +287,12 @@ def _reporter(target: Path, as_json: bool) -> Callable[[Learned], None]:
             sys.stdout.flush()
 
     return report
+
+
+def _set_aside(former: list[Path]) -> None:
+    """What an earlier `learn` has written gets another name before the first pass replaces it; a line says so."""
+    kept = files.set_aside(former)
+    former.clear()
+    if kept:
+        names = ", ".join(map(str, kept))
+        common.complain(f"of an earlier learn, now called {names}; with --overwrite they would have been replaced")

@@ -47,6 +47,7 @@ def playback(
             f"{waveform}: the verdict of this waveform is bad: {reasons} {remedy}", ExitCode.of(verdict)
         )
     driver, table = configuration.one_axis(config, axis)
+    common.foretell("the waveform takes", rest + volts.size / rate, as_json)
     with checks.inside(f"{waveform}: "):
         made = truestroke.playback(driver, volts, rate, **table.limits, rest=rest)
     save_record(target, made)

@@ -114,6 +114,7 @@ def follow(
             raise click.UsageError(f"{path}: the recording would replace the configuration; call it run.h5.")
         if path.exists():
             common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
+    common.foretell("the run takes", job.axes[0].trajectory.duration, as_json)
     outcome = run_realtime(job.driver, job.axes, file, server=server, **options)
     recordings = {
         axis.name: truestroke.Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)

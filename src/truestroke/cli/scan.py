@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from truestroke.base import files, toml
+from truestroke.base import files, system, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.verdict import Verdict
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from truestroke.signals.scans import Image, Recorded
 
 HYSTERESES = click.Choice(["plays", "preisach", "bouc-wen"])
-LONG = 20.0  # s of a simulation: it says before it begins how long it takes
 SIMULATED = ("rate", "resonances", "kinds", "noise", "seed")  # options without --config
 
 
@@ -65,12 +64,13 @@ def scan(
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
     _check_images(page_file, endings)
     stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
-    if seconds_for(rate) > LONG and not as_json:
-        click.echo(f"{PIXELS} rows at {rate:g} a second take about {seconds_for(rate) / 60:.2g} minutes.", err=True)
+    if seconds_for(rate) > common.LONG:
+        system.return_memory()  # a tenth of the time of fast rows
+    common.foretell(f"{PIXELS} rows at {rate:g} a second take about", seconds_for(rate), as_json)
     _say(expected(rate, resonances), as_json)
-    with common.progress("scanning"), ThreadPoolExecutor(1) as beside:
+    with common.progress("scanning") as tell, ThreadPoolExecutor(1) as beside:
         loading = beside.submit(import_module, "truestroke.studies.scanning.page")  # with matplotlib
-        found = image(stage, motion, seed)  # in the thread that Ctrl-C interrupts
+        found = image(stage, motion, seed, tell)  # in the thread that Ctrl-C interrupts
         report = loading.result()
         made = report.page(found, common.to_repeat())
         pictures = common.save_page(made, page_file, plots)

@@ -11,6 +11,8 @@ import click
 import truestroke
 from truestroke.cli import common, results, waveforms
 
+TICK = 7e-6  # s of a tick that is simulated
+
 
 @click.command()
 @click.option("--controller", type=click.Choice(["adaptive", "paper"]), default="adaptive", help="What is tested.")
@@ -53,6 +55,7 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
         controller = truestroke.RepetitiveController(controller, options["period"])
     if len(trajectory) < results.SHORTEST:
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {results.SHORTEST}.")
+    common.foretell(f"{len(trajectory):.3g} ticks take about", TICK * len(trajectory), as_json)
     recording = _run(trajectory, controller, plant, recording_file)
     recording.save(recording_file)
     return results.finish(recording, page_file, plots, as_json, recording_file)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from truestroke.base import system
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.dropins import motions
@@ -17,6 +18,7 @@ from truestroke.signals.trajectories import Trajectory
 
 ALIKE = 1e-6  # relative: speeds that are one speed
 SHORTEST = 2  # ticks of a line
+TICK = 120.0  # bytes of memory of each
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def flight(
     Raises
     ------
     SettingError
-        A line takes no two ticks.
+        A line takes no two ticks, or all of them do not fit the memory.
 
     Examples
     --------
@@ -94,6 +96,12 @@ def flight(
     >>> [round(float(made.position[k].mean()), 2) for k in (ticks[0], ticks[9], ticks[10])]
     [5.5, 14.5, 14.5]
     """
+    whole = sum(line.duration for line in scan)
+    if lacking := system.lacking(TICK * whole * sample_rate):
+        each = whole / max(1, sum(line.points for line in scan))
+        most = system.free_memory() / (TICK * sample_rate)
+        bound = f"so short that all lines take at most {most:.3g} s, not {whole:.4g}: their ticks take {lacking}"
+        raise SettingError("duration of a point", f"{each:g}", bound, "s")
     parts: list[Trajectory] = []
     places: list[slice] = []
     ticks = 0

@@ -7,6 +7,7 @@ import threading
 from pathlib import Path
 from typing import Any, ClassVar
 
+from truestroke.base import checks
 from truestroke.dropins import needed
 from truestroke.dropins.axes import Axes
 
@@ -110,7 +111,8 @@ class _Piezo:
         axes = self._opened()
         for one in self._begun:
             one.exception()
-        places = {self._names[role]: target + self._origin[role] for role, target in targets.items()}
+        wanted = {role: checks.number(f"target of axis {self._names[role]}", to, "um") for role, to in targets.items()}
+        places = {self._names[role]: target + self._origin[role] for role, target in wanted.items()}
         self._begun = list(axes.move(**places).values())
 
     def _set_origin(self, role: str, reads: float = 0.0) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from time import monotonic
 from typing import Any
 
@@ -88,7 +89,8 @@ class InversePiezoInterfuse(NiScanningProbeInterfuse):  # type: ignore[misc]
     Raises
     ------
     ValueError
-        When it is activated: a model cannot be read or is bad, an axis is unknown, or its range is longer than the
+        When it is activated: a model cannot be read or is bad, an axis is unknown or has no output of the card, or its
+        range is longer than the
         model's reach.
     """
 
@@ -109,7 +111,7 @@ class InversePiezoInterfuse(NiScanningProbeInterfuse):  # type: ignore[misc]
         limits = self._ni_finite_sampling_io().constraints.output_channel_limits
         for name, path in self._models.items():
             low, high = self._position_ranges[name]
-            axis = _Axis(path, limits[self._ni_channel_mapping[name]], low)
+            axis = _Axis(path, limits[self._output(name, limits)], low)
             self._heed(name, path, axis.verdict)
             if high - low > axis.reach() * (1 + PATIENCE):
                 bounds = " to ".join(f"{volts:.3g}" for volts in axis.memory.limits)
@@ -119,6 +121,16 @@ class InversePiezoInterfuse(NiScanningProbeInterfuse):  # type: ignore[misc]
                 )
             self._inverses[name] = axis
         super().on_activate()
+
+    def _output(self, name: str, limits: Mapping[str, object]) -> str:
+        """The output of the card that moves an axis; an error where the card has no such one."""
+        channel = self._ni_channel_mapping.get(name)
+        if channel not in limits:
+            given = "missing" if channel is None else repr(channel)
+            raise ValueError(
+                f"ni_channel_mapping of {name} = {given}: must be an output of the card: {', '.join(limits)}"
+            )
+        return str(channel)
 
     def _heed(self, name: str, path: str, verdict: Verdict) -> None:
         """An error for a bad model, a warning in the log for a doubtful one."""

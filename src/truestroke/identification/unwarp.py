@@ -267,7 +267,7 @@ def read_lines(path: str | Path) -> npt.NDArray[np.void]:
     Raises
     ------
     RecordError
-        A column is missing.
+        A column is missing, or a line ends before it begins.
     """
     path = checks.path("path", path)
     found = open_table(path)
@@ -275,6 +275,11 @@ def read_lines(path: str | Path) -> npt.NDArray[np.void]:
     wanted.append(Wanted("direction", {"": 1.0}, ("direction",), heading="direction"))
     signals, _ = read_columns(path, found, wanted, ())
     refuse_bad_rows(str(path), signals, found)
+    back = np.flatnonzero(signals["end"] <= signals["start"])
+    if back.size:
+        start, end = (float(signals[name][back[0]]) for name in ("start", "end"))
+        reason = f"the line ends at {end:.6g} s, and begins at {start:.6g} s: are the columns start and end swapped?"
+        raise RecordError(str(path), reason, found.locate(int(back[0]))[0], found.where)
     made = np.zeros(signals["start"].size, LINE)
     made["start"], made["end"] = signals["start"], signals["end"]
     made["direction"] = np.where(signals["direction"] < 0, -1, 1)

@@ -74,6 +74,12 @@ def middle(image: Image, pixels: int = 128) -> tuple[slice, slice]:
     return slice(rows, rows + pixels), slice(columns, columns + pixels)
 
 
+def _size(image: Image, part: tuple[slice, slice]) -> tuple[float, float]:
+    """Width and height of a part of rows and columns, um."""
+    rows, columns = (len(range(*one.indices(size))) for one, size in zip(part, image.data.shape, strict=True))
+    return columns * image.pixel[0], rows * image.pixel[1]
+
+
 def aspect(size: tuple[float, float]) -> float:
     """Height over width of the picture of an image of this width and height, um."""
     return max(size[1] / size[0], FLATTEST)
@@ -82,6 +88,14 @@ def aspect(size: tuple[float, float]) -> float:
 def height(size: tuple[float, float], width: float, most: float) -> float:
     """Inches, of a figure with such an image so many inches wide, or narrower where it would be higher than `most`."""
     return ROUND + min(width * aspect(size), most)
+
+
+def alone(size: tuple[float, float], width: float, most: float, beside: float = 0.0) -> tuple[Figure, Axes]:
+    """A figure as large as one such image, its labels, and what is `beside` it, in: a phone shows all of it."""
+    high = height(size, width, most)
+    wide = min(ROUND + (high - ROUND) / aspect(size) + beside, style.WIDTH)
+    figure, (panel,) = style.panels(high, width=wide)
+    return figure, panel
 
 
 def label(axes: Axes, across: str = "x", along: str = "y") -> None:
@@ -147,12 +161,13 @@ def plots(found: Unwarped, before: dict[str, Image], theme: Theme = LIGHT) -> di
     with style.use(theme):
         if len(found.images) == 2:
             for name, pair in (("before", before), ("after", found.images)):
-                figure, (panel,) = style.panels(5.0)
-                lay_over(panel, pair["trace"], pair["retrace"], part=middle(pair["trace"]))
+                part = middle(pair["trace"])
+                figure, panel = alone(_size(pair["trace"], part), 5.0, 4.2)
+                lay_over(panel, pair["trace"], pair["retrace"], part=part)
                 label(panel)
                 made[name] = figure
         seen = next(iter(found.images.values()))
-        figure, (panel,) = style.panels(height(seen.size, 6.2, 5.2))
+        figure, panel = alone(seen.size, 5.0, 4.2)
         show(panel, seen)
         label(panel)
         made["image"] = figure

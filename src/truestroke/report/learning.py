@@ -107,7 +107,8 @@ def chart(found: Learned) -> Chart:
         *(_error_panel(*one) for one in shown),
         Panel("voltage (V)", [Line(name, role, one.volts) for one, role, name in shown]),
     ]  # fmt: skip
-    return Chart(panels, 0.0, 1e3 / made.sample_rate, "time (ms)")
+    factor, unit = units.scaled(made.samples / made.sample_rate, "s")
+    return Chart(panels, 0.0, factor / made.sample_rate, f"time ({unit})")
 
 
 def _error_panel(one: Pass, role: str, name: str) -> Panel:
@@ -150,23 +151,24 @@ def period(found: Learned, theme: Theme = LIGHT) -> Figure:
     """Desired motion and errors of the first and the best pass, over one repetition."""
     made, first, best = found.learning, found.passes[0], found.best
     samples = made.samples // made.periods if made.samples % made.periods == 0 else made.samples
-    time = 1e3 * np.arange(samples) / made.sample_rate
+    factor, unit = units.scaled(samples / made.sample_rate, "s")
+    time = factor * np.arange(samples) / made.sample_rate
     part = slice(0, samples)
     with style.use(theme):
         figure, (motion, start, end) = style.panels(5.0, 3, sharex=True, height_ratios=[1, 1, 1])
         motion.plot(*style.thin(time, made.desired[part]), color=theme["desired"], lw=2.0, label="desired")
         for panel, one, role, label in ((start, first, "before", "first pass"), (end, best, "true", "best pass")):
             if one.measured.size:
-                factor, unit = units.scaled_length(float(np.abs(one.error[part]).max()) or 1.0)
-                panel.plot(*style.thin(time, factor * one.error[part]), color=theme[role], lw=1.0, label=label)
-                panel.set(ylabel=f"error ({unit})")
+                times, length = units.scaled_length(float(np.abs(one.error[part]).max()) or 1.0)
+                panel.plot(*style.thin(time, times * one.error[part]), color=theme[role], lw=1.0, label=label)
+                panel.set(ylabel=f"error ({length})")
         for panel in (motion, start, end):
             low, high = panel.get_ylim()
             panel.fill_between(time, low, high, where=~made.counts[part], color=theme["grid"], lw=0, zorder=0)
             panel.set_ylim(low, high)
             style.legend_above(panel)
         motion.set(ylabel="position (µm)")
-        end.set(xlabel="time (ms)")
+        end.set(xlabel=f"time ({unit})")
     return figure
 
 

@@ -23,6 +23,7 @@ from truestroke.report.charts import Chart
 from truestroke.report.style import Theme
 
 IN_SCRIPT = str.maketrans({"<": "\\u003c", "&": "\\u0026"})  # letters of HTML and XML inside JSON
+NARROW = 0.85  # of the standard width: a picture that is narrower is shown whole on a phone, others are as large there
 Plots = Callable[[Theme], Mapping[str, Figure]]
 """Makes all plots of a page, by name, in one theme."""
 
@@ -217,8 +218,11 @@ def svg(figure: Figure, name: str, description: str) -> str:
     for variable, colour in style.PAGE.variables.items():
         text = text.replace(colour, f"var(--{variable})")
     box = re.search(r'viewBox="[^"]*"', text)
+    share = figure.get_figwidth() / style.WIDTH
+    narrow = f'class="narrow" style="max-width: {100 * share:.0f}%"' if share < NARROW else ""
     opening = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0] if box else ""} '
+        f"{narrow} "
         f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(units.micro(description))}</title>'
     )
     return re.sub(r"<svg[^>]*>", lambda _: opening, text, count=1)

@@ -27,6 +27,7 @@ CAPTIONS = {
 }
 WORDS = {"good": "The image is straight, by the sensors.", "doubtful": "Read this before you use it.",
          "bad": "Do not measure in it."}  # fmt: skip
+BAR = 0.9  # in of the scale beside an image
 FLAT = 0.5  # height over width: images that are flatter stand one above the other
 BAND = 10, 50, 90  # % of the rows
 SCANS = {"lissajous": "Lissajous curve"}  # where it is no word
@@ -86,7 +87,7 @@ def plots(found: Recorded, theme: Theme = LIGHT) -> dict[str, Figure]:
     with style.use(theme):
         made = {"image" if found.distortion else "places": _images(found)}
         if found.distortion is not None:
-            figure, (panel,) = style.panels(images.height(found.scan.size, 6.2, 4.2))
+            figure, panel = images.alone(found.scan.size, 5.0, 4.2)
             images.lay_over(panel, found.images["trace"], found.images["retrace"])
             images.label(panel, *found.axes)
             made |= {"over": figure, "lines": _lines(found, theme)}
@@ -119,7 +120,8 @@ def _images(found: Recorded) -> Figure:
     """Side by side; one above the other where they are flat."""
     shown, size = list(found.images.items()), next(iter(found.images.values())).size
     if len(shown) == 1:
-        figure, panels = style.panels(images.height(size, 6.0, 4.7))
+        figure, panel = images.alone(size, 5.0, 4.2, BAR)
+        panels = [panel]
     elif images.aspect(size) < FLAT:
         figure, panels = style.panels(2 * images.height(size, 5.4, 4.7), len(shown), sharex=True)
     else:

@@ -184,14 +184,19 @@ def placed(figure: Figure, dpi: float) -> Iterator[None]:
 
 
 def panels(
-    height: float, rows: int = 1, columns: int = 1, edges: Mapping[str, float] | None = None, **options: Any
+    height: float,
+    rows: int = 1,
+    columns: int = 1,
+    edges: Mapping[str, float] | None = None,
+    width: float = WIDTH,
+    **options: Any,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of the standard width, `height` in inches, and its panels in reading order.
+    """A figure of this `height` and, by default, the standard width, in inches, and its panels in reading order.
 
     With `edges`, as `subplots_adjust` has them, the panels stand there: to find their places takes matplotlib as long
     as all the rest.
     """
-    figure = Figure(figsize=(WIDTH, height), layout=None if edges else Places())
+    figure = Figure(figsize=(width, height), layout=None if edges else Places())
     if edges:
         figure.subplots_adjust(**edges)
     return figure, list(np.ravel(figure.subplots(rows, columns, **options)))

@@ -18,7 +18,7 @@ from truestroke.control.axes import AxesMotion, MultiAxisController, check_name,
 from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.plant import MultiAxisStage
 from truestroke.runtime import agreement, native, run_metadata
-from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
+from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, require_memory, stride
 from truestroke.signals.channels import Array, channel, dtype
 from truestroke.signals.recording import Recording, of_axis
 from truestroke.signals.timing import Timing
@@ -102,6 +102,7 @@ def run_axes(
         bound = f"one for {channels} of the actuator"
         raise SettingError("controller", f"controllers of {', '.join(controller.axes)}", bound)
     known = controller.prepare(motion)
+    require_memory("trajectory", max(len(one) for one in motion.values()), len(motion))
     log = _Log(motion, known, controller, actuator, timing)
     for notice in log.notices():
         warnings.warn(notice, feasibility.LimitWarning, stacklevel=3)

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeGuard, cast
 import numpy as np
 import numpy.typing as npt
 
-from truestroke.base import checks
+from truestroke.base import checks, display, system
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
@@ -23,6 +23,7 @@ from truestroke.control.repeating.iterative import (
     at_the_noise,
     check_motion,
     least_slew,
+    one_period,
 )
 from truestroke.identification.dynamics import DynamicsError, NoResonanceError, measure_bode, spring_to
 from truestroke.identification.identified import identify
@@ -50,6 +51,9 @@ LOOKS = 16, 0.05  # samples, s: so long at least the sensor is read at rest
 PATIENCE = 2, 4  # passes in a row without an improvement, after which it ends: near the noise, and far from it
 CLOSE = 1.5  # times the noise: an error that is near it
 EASED = 0.5  # of the slew that a spring needs: with less no stage makes a motion well below its resonance
+LONGEST = 86_400.0  # s of all passes: the stage has changed meanwhile
+TICK = 400.0  # bytes of memory that a sample of a pass takes
+PART = 2**18  # samples of a simulated pass after which it is shown how far it is
 GAP = 0.5  # s between them in the record of the model
 BETTER = 0.95  # times the rmse of the best pass before: an improvement
 
@@ -163,6 +167,7 @@ def learn(
     rate = check_motion(motion, sample_rate, checks.within("resonance", resonance, 0.0, 1e9, "Hz") if measures else 0.0)
     for name, seconds in (("settle", SETTLE[0] if settle is None else settle), ("averaged", averaged)):
         checks.within(name, seconds, 0.0, 3600.0, "s")
+    lasting(motion, sample_rate, passes=most, settle=settle, averaged=averaged)
     spring = ""
     if measures:
         _refuse_slew(motion, sample_rate, gain, limits, resonance)
@@ -178,11 +183,53 @@ def learn(
             raise DynamicsError(f"the motion is too fast where {spring}") from error
         raise
     settle = _settles(dynamics) if settle is None else settle
-    play = _player(driver, rate, limits)
+    play = _player(driver, rate, limits, doing)
     begun = Learned(passes=(), learning=learning, spring=spring, zero=_zero(play, limits, rate, stroke, zero))
     periods = _periods(learning, settle, PERIODS[0]), _periods(learning, averaged, PERIODS[1])
     begins()
     return _passes(begun, play, most, periods, report, doing)
+
+
+def lasting(
+    motion: Trajectory | npt.ArrayLike,
+    sample_rate: float | None = None,
+    *,
+    passes: int = PASSES,
+    settle: float | None = None,
+    averaged: float = AVERAGED,
+) -> tuple[float, float]:
+    """How long `learn` takes at most, and each of its passes, s: without its ramps and the measurement of the dynamics.
+
+    Parameters
+    ----------
+    motion, sample_rate, passes, settle, averaged
+        As of `learn`.
+
+    Raises
+    ------
+    SettingError
+        The motion does not repeat, all passes take longer than a day, or one does not fit the memory.
+
+    Examples
+    --------
+    >>> lasting(np.sin(2 * np.pi * np.arange(10_000) / 10_000), 10_000.0, passes=8)
+    (64.0, 8.0)
+    """
+    wave, _, rate, periods = one_period(motion, sample_rate)
+    seconds, frequency = wave.size / rate, periods * rate / wave.size
+    count = sum(
+        _repetitions(wave.size, periods, rate, *one)
+        for one in ((SETTLE[1] if settle is None else settle, PERIODS[0]), (averaged, PERIODS[1]))
+    )
+    each = count * seconds
+    faster = f"repeat it faster than its {frequency:.3g} Hz"
+    if passes * each > LONGEST:
+        bound = f"at most a day in {passes} passes of {display.lasting(each)}: {faster}, or in fewer passes"
+        raise SettingError("duration of the motion", display.lasting(passes * each), bound)
+    if lacking := system.lacking(TICK * rate * each):
+        bound = f"less, as a pass of {rate * each:.3g} samples takes {lacking}: {faster}, or at a lower sample rate"
+        raise SettingError("duration of a pass", display.lasting(each), bound)
+    return passes * each, each
 
 
 def _stroke(stroke: float | None, known: ActuatorModel | None, limits: Limits) -> float:
@@ -331,7 +378,9 @@ def _is_driver(driver: Driver | Actuator) -> TypeGuard[Driver]:
     return hasattr(driver, "start")
 
 
-def _player(driver: Driver | Actuator, rate: float, limits: Limits) -> Callable[[FloatArray], FloatArray]:
+def _player(
+    driver: Driver | Actuator, rate: float, limits: Limits, doing: Callable[[str], object]
+) -> Callable[[FloatArray], FloatArray]:
     """From a waveform, V, to the displacement, um; the output is at the safe voltage before and after it."""
     if _is_driver(driver):
         return lambda volts: playback(driver, volts, rate, **dataclasses.asdict(limits)).displacement[0]
@@ -341,7 +390,12 @@ def _player(driver: Driver | Actuator, rate: float, limits: Limits) -> Callable[
 
     def play(volts: FloatArray) -> FloatArray:
         actuator.exchange(ramp(limits.safe_voltage, volts[0], step))
-        measured = np.asarray(actuator.exchange(volts))
+        measured = np.empty(volts.size)
+        for start in range(0, volts.size, PART):  # which ticks are exchanged together changes nothing
+            if start:
+                doing(f"{100 * start // volts.size} % of a pass")
+            part = slice(start, start + PART)
+            measured[part] = actuator.exchange(volts[part])
         actuator.exchange(ramp(volts[-1], limits.safe_voltage, step))
         return measured
 
@@ -357,7 +411,12 @@ def _settles(dynamics: Dynamics | None) -> float:
 
 def _periods(learning: IterativeLearning, duration: float, least: int) -> int:
     """Repetitions that take at least this long, s."""
-    return max(least if learning.periods < least else 1, math.ceil(duration * learning.sample_rate / learning.samples))
+    return _repetitions(learning.samples, learning.periods, learning.sample_rate, duration, least)
+
+
+def _repetitions(samples: int, periods: int, rate: float, duration: float, least: int) -> int:
+    """The same, of a repetition of so many samples and periods at a sample rate, Hz."""
+    return max(least if periods < least else 1, math.ceil(duration * rate / samples))
 
 
 def _zero(

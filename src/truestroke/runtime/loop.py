@@ -19,7 +19,7 @@ from truestroke.runtime import native
 from truestroke.runtime.agreement import check_agreement, count_latency, wanted
 from truestroke.runtime.axes import run_axes
 from truestroke.runtime.run_metadata import RunInterrupted, about, load, repetition, resonance
-from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, stride
+from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, require_memory, stride
 from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import Recording
 from truestroke.signals.timing import Timing
@@ -112,6 +112,7 @@ def run(
     check_agreement(trajectory, controller, timing)
     count_latency(controller, timing)
     checks.count("channels of the actuator", timing.channels, 1, 1)
+    require_memory("trajectory", len(trajectory))
     notices = feasibility.raise_slew(trajectory, controller) + feasibility.remedied(trajectory, controller)
     for notice in notices:
         warnings.warn(notice, feasibility.LimitWarning, stacklevel=2)

@@ -201,7 +201,7 @@ class IterativeLearning(Displayed):
         bandwidth: float | None = None,
         model: ActuatorModel | None = None,
     ) -> None:
-        wave, counts, self.sample_rate, self.periods = _period(motion, sample_rate)
+        wave, counts, self.sample_rate, self.periods = one_period(motion, sample_rate)
         self.samples = wave.size
         self.gain = checks.positive("gain", gain, "um/V")
         self.voltage_limits = checks.interval("voltage_limits", voltage_limits, "V")
@@ -608,7 +608,9 @@ def _spikes(z: FloatArray) -> BoolArray:
 # ---- The motion ----------------------------------------------------------------------------------------------------
 
 
-def _period(motion: Trajectory | npt.ArrayLike, sample_rate: float | None) -> tuple[FloatArray, BoolArray, float, int]:
+def one_period(
+    motion: Trajectory | npt.ArrayLike, sample_rate: float | None
+) -> tuple[FloatArray, BoolArray, float, int]:
     """One repetition of whole samples, um; where errors count; sample rate, Hz; and how many periods it is."""
     if not isinstance(motion, Trajectory):
         wave = checks.finite_array("motion", motion, "um")
@@ -649,7 +651,7 @@ def check_motion(motion: Trajectory | npt.ArrayLike, sample_rate: float | None, 
         ...
     truestroke.SettingError: frequency of the motion = 2500.0 Hz: must be at most 2160 Hz, 2.4 times the first resonance
     """
-    wave, _, rate, periods = _period(motion, sample_rate)
+    wave, _, rate, periods = one_period(motion, sample_rate)
     if resonance:
         _check_band(periods * rate / wave.size, BAND * resonance)
     return rate
@@ -662,7 +664,7 @@ def least_slew(motion: Trajectory | npt.ArrayLike, sample_rate: float | None, ga
     >>> round(fastest), frequency
     (157, 50.0)
     """
-    wave, counts, rate, periods = _period(motion, sample_rate)
+    wave, counts, rate, periods = one_period(motion, sample_rate)
     steps = np.abs(np.diff(wave, append=wave[:1]))[counts]
     return float(steps.max(initial=0.0)) * rate / gain, periods * rate / wave.size
 

@@ -16,6 +16,7 @@ from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.findings import Findings
 from truestroke.identification.examination.mistakes import SECONDS, SMOOTH, TOGETHER, ringing
 from truestroke.identification.examination.rows import rewritten
+from truestroke.identification.examination.unrecorded import of_volts
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import to_and_fro
@@ -77,6 +78,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
     if found.mistakes:
         return ()
     of_file = record.source not in ("arrays", "recording")
+    unrecorded = (*of_volts(record, 1e-3 * (found.lag_ms or 0.0) * found.sample_rate_hz),)
     units = (*_of_clock(record, found), *_of_units(record, found)) if of_file else ()
     of_signals = (
         *_of_sampling(record, found),
@@ -85,9 +87,10 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
         *_of_steps(record, found),
-        *_of_slew(record, found),
+        *(() if unrecorded else _of_slew(record, found)),  # a displacement that moves under no voltage seems to slew
         *_of_ringing(record, found),
         *rewritten(record, found),
+        *unrecorded,
     )
     return (*units, *of_signals, *changed(record))
 

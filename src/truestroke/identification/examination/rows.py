@@ -10,7 +10,7 @@ import numpy as np
 from truestroke.base.typing import FloatArray
 from truestroke.identification.examination.faults import held, repeated
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.examination.unrecorded import of_ends, of_volts
+from truestroke.identification.examination.unrecorded import of_ends
 from truestroke.identification.records.record import Record
 from truestroke.signals.clipping import runs
 from truestroke.signals.noise import noise, rounding
@@ -49,7 +49,6 @@ def rewritten(record: Record, found: Findings) -> Iterator[str]:
         yield from _of_lines(record, step)
     yield from [*_of_joints(record, found)] or _of_lost_rows(record, found)
     yield from _of_order(record, found)
-    yield from of_volts(record, 1e-3 * (found.lag_ms or 0.0) * found.sample_rate_hz)
 
 
 def _of_copies(record: Record) -> Iterator[str]:

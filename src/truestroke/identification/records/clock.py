@@ -7,6 +7,7 @@ from truestroke.signals.columns import Column
 from truestroke.signals.tables import UNITS
 
 AGREE = 0.02  # relative: how far a nominal sample rate may be from that of the stamps
+EVEN = 0.05, 0.01  # of the median interval: deviation of stamps that are even; they show a rate as exactly as this
 SAME = 1e-3  # the same, that is not worth a word
 DAY = 86_400.0  # s
 ACROSS = 10.0  # median intervals at most between the last row of a day and the first of the next
@@ -15,7 +16,8 @@ ACROSS = 10.0  # median intervals at most between the last row of a day and the 
 def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str, str]:
     """What the stamps say against the sample rate, Hz; and, where it is nothing, that they are not used.
 
-    Both the mean and the median interval may agree with it: stamps may be rounded coarsely, or have gaps. Stamps
+    Both the mean and the median interval may agree with it: stamps may be rounded coarsely, or have gaps; of even ones
+    a hundredth is a contradiction, too. Stamps
     without a unit may be in any; those that count the rows or do not ascend are no clock.
 
     Examples
@@ -32,7 +34,8 @@ def against(stamps: FloatArray, column: Column, sample_rate: float) -> tuple[str
     rates = [1 / float(np.median(steps)), steps.size / float(known[-1] - known[0])]
     scales = [1.0] if column.stated else [1 / seconds for seconds in UNITS["time"].values()]
     off = min((rate * scale / sample_rate - 1 for rate in rates for scale in scales), key=abs)
-    if abs(off) <= AGREE or counted:
+    even = float(np.std(steps)) < EVEN[0] * float(np.median(steps))
+    if abs(off) <= (EVEN[1] if even else AGREE) or counted:
         which = "" if abs(off) <= SAME or counted else f", although they have {sample_rate * (1 + off):.6g} Hz"
         return "", f"the time stamps of the file ({called}) are not used{which}"
     rate = f"{rates[0]:.6g} Hz"

@@ -17,7 +17,7 @@ from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.identified.view import View, binned
 from truestroke.report.style import LIGHT, Theme
 
-MANY = 14  # letters of the labels of a panel of weights: more would meet, and are turned
+MANY = 12  # letters of the labels of a panel of weights: more would meet, and are turned
 
 
 def volt_unit(view: View) -> tuple[float, str]:

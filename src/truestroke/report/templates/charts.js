@@ -24,7 +24,7 @@
     const axis = { stroke: () => colour("text"), grid: { stroke: () => colour("grid"), width: 1 },
       ticks: { stroke: () => colour("muted"), width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
     return {
-      width, height: last ? 210 : 180, padding: [8, 8, 0, 0],
+      width, height: last ? 210 : 180, padding: [8, 22, 0, 0],
       cursor: { sync: { key: "run", setSeries: false }, drag: { x: true, y: false }, points: { size: 6 } },
       scales: { x: { time: false, distr: chart.places ? 3 : 1, range: (u, low, high) => [low, high] },
         y: { distr: panel.logarithmic ? 3 : 1 } },

@@ -265,6 +265,9 @@ def _no_answer(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axi
     remedy = "look at inputs and outputs in [driver], at cables, and whether amplifier and sensor are switched on"
     if loud:
         remedy = f"the sensor of axis {loud[0]} answers instead: inputs or outputs in [driver] are swapped"
+        if len(axes) == 2:  # a rotation by so many degrees has sin in the row of the second axis, -sin in the other one
+            degrees = 90 if (answers[1 - channel] / expected > 0) == (channel == 0) else -90
+            remedy += f", or the sensors stand at {degrees} degrees: rotation = {degrees}.0 in [coupled]"
     return (
         f"axis {a.axis.name}: no answer to a probe of {a.volts:+.3g} V: the sensor shows {a.seen:+.2g} um, "
         f"uncertain by {a.uncertainty:.2g} um, where about {expected:+.3g} um are expected; {remedy}"
@@ -276,10 +279,16 @@ def _check_reach(a: _Answer, gain: float) -> None:
     reach = feasibility.reach(a.axis.trajectory)
     low, high = a.axis.voltage_limits
     most = CHORD[1] * gain
-    if reach[1] > most * max(high, 0.0) or reach[0] < most * min(low, 0.0):
+    ends = most * min(low, 0.0), most * max(high, 0.0)
+    if reach[1] > ends[1] or reach[0] < ends[0]:
+        shift = "" if reach[1] - reach[0] > ends[1] - ends[0] else "Shift the motion, as by its offset (where sensors "
+        shift += (
+            shift and f"are turned, in their frame): {a.axis.name} moves from {ends[0]:.3g} to {ends[1]:.3g} um. Or m"
+        )
         raise Stop(
             Cause.CHECK,
             f"{a.probe}; it answers {a.seen:+.3g} um: with {gain:.3g} um/V, even {CHORD[1]:g} times as much on a long "
-            f"way, voltage_limits of {low:g} to {high:g} V do not reach {reach[0]:.4g} to {reach[1]:.4g} um. Make the "
-            "motion smaller, or correct um_per_volt (um_per_unit) in [driver], or voltage_limits",
+            f"way, voltage_limits of {low:g} to {high:g} V do not reach {reach[0]:.4g} to {reach[1]:.4g} um. "
+            f"{shift or 'M'}ake the motion smaller, or correct um_per_volt (um_per_unit) in [driver], or "
+            "voltage_limits",
         )

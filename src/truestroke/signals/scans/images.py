@@ -120,14 +120,20 @@ def at_pixels(scan: Scan, signal: npt.ArrayLike, columns: int) -> FloatArray:
     values = checks.signal("signal", signal)
     _check_fit(scan, "signal", values)
     _check_whole(scan, "signal", values)
-    known = np.pad(values, BESIDE, "reflect", reflect_type="odd")
     places = scan.pixels(columns) * scan.sample_rate + BESIDE
     made = np.empty(places.shape)
     for lines in np.array_split(np.arange(len(places)), max(1, min(len(places), values.size // PART))):
         first, last = int(scan.lines["first"][lines].min()), int(scan.lines["last"][lines].max())
-        near = known[first : last + 1 + 2 * BESIDE]
+        near = _beside(values, first - BESIDE, last + 1 + BESIDE)
         ndimage.map_coordinates(near, [places[lines] - first], made[lines[0] : lines[-1] + 1], order=3, mode="mirror")
     return made
+
+
+def _beside(values: FloatArray, start: int, stop: int) -> FloatArray:
+    """A part of a signal, which goes on beyond its ends as if it were turned about them."""
+    beyond = max(-start, 0), max(stop - values.size, 0)
+    part = values[max(start, 0) : stop]
+    return np.pad(part, beyond, "reflect", reflect_type="odd") if any(beyond) else part
 
 
 def pixels_of(scan: Scan, columns: int) -> int:

@@ -19,6 +19,7 @@ CLOSE = 0.2  # of the distance between two harmonics: one that near meets the re
 HIGHEST = 30  # harmonic: what hysteresis makes of a raster falls with its number
 BETTER = 0.1  # of that distance: what is worth another rate
 RINGS = 1.25  # periods: time constant of a resonance from which on what rings looks like what repeats
+WHOLE = 1e-6  # ticks that a period may be from a whole number of them
 MOST = 0.5  # of what is above the goal: less of it is not why
 
 
@@ -90,7 +91,7 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
     words = {"raster": "rows", "spiral": "turns"}.get(scan.name, "lines")
     met = _met(rate, known)
     other = quiet_rate(rate, known.values(), scan.sample_rate)
-    away = _apart(other, [one for one in given.values() if one / other <= HIGHEST + 0.5])
+    away = _apart(other, [one for one in given.values() if one / other <= HIGHEST + 0.5])  # 0.5 where all are beyond
     if not met or away < _apart(rate, known.values()) + BETTER:
         return ""
     each = [f"harmonic {round(one / rate)} meets the resonance of {name}, {one:.4g} Hz" for name, one in met.items()]
@@ -99,6 +100,18 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
         f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {figures(math.floor(away * other), 2)} "
         "Hz of a resonance."
     )
+
+
+def ticks_of_lines(scan: Scan) -> int:
+    """Ticks after which the lines repeat; 0 where they do not, or not after whole ticks.
+
+    >>> from truestroke.signals.scans.motions import raster, spiral
+    >>> ticks_of_lines(raster(lines=4, rate=40.0, sample_rate=5000.0)), ticks_of_lines(spiral(sample_rate=5000.0))
+    (125, 0)
+    """
+    period = scan.settings.get("period")
+    ticks = period * scan.sample_rate if isinstance(period, float) else 0.0
+    return round(ticks) if abs(ticks - round(ticks)) < WHOLE else 0
 
 
 def ringing(rate: float, modes: Mapping[str, Mode]) -> str:
@@ -205,4 +218,4 @@ def _met(rate: float, known: Mapping[str, float]) -> dict[str, float]:
 
 def _apart(rate: float, resonances: Iterable[float]) -> float:
     """Distance of the resonance that is nearest to a harmonic, of the distance between two harmonics: at most half."""
-    return min(abs(one / rate - round(one / rate)) for one in resonances)
+    return min((abs(one / rate - round(one / rate)) for one in resonances), default=0.5)

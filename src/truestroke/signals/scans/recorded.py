@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -13,6 +14,7 @@ from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
+from truestroke.signals.noise import noise
 from truestroke.signals.scans import rates
 from truestroke.signals.scans.images import Distortion, Image, ImageError, at_pixels, distortion, gridded, images, shift
 from truestroke.signals.scans.scan import Scan
@@ -36,6 +38,8 @@ class Recorded:
         "trace" and "retrace" of a raster, "image" of any other scan.
     error : ndarray, shape (ticks, 2)
         Measured minus desired position within the lines, um, NaN outside.
+    noise : tuple[float, float]
+        Of a sample of the sensors of x and y, um rms.
     distortion : Distortion or None
         Of a raster, by the measured positions.
     shift : tuple[float, float] or None
@@ -51,6 +55,7 @@ class Recorded:
     rows: tuple[int, int]
     images: Mapping[str, Image] = field(repr=False)
     error: FloatArray = field(repr=False)
+    noise: tuple[float, float]
     distortion: Distortion | None
     shift: tuple[float, float] | None
     verdict: Verdict
@@ -58,12 +63,12 @@ class Recorded:
 
     def rms_um(self) -> tuple[float, float]:
         """Root mean square of the errors of x and y, um, without the noise of the sensors."""
-        return _rms(self.error)
+        return _rms(self.error, self.noise)
 
     @property
     def noise_apart(self) -> float:
         """Distance of trace and retrace, pixels, that the noise of the sensors alone may make."""
-        return _noise_apart(self.distortion, self.error)
+        return _noise_apart(self.distortion, self.noise)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -140,6 +145,7 @@ def recorded(
         rows=rows,
         images=made,
         error=found.error,
+        noise=found.noise,
         distortion=found.distortion,
         shift=apart,
         verdict=_judged(made, rows, found, apart, remedy),
@@ -164,29 +170,30 @@ def _images(
 
 @dataclass(frozen=True)
 class _Measured:
-    """What the sensors say of the places: measured minus desired within the lines, um, and that in pixels."""
+    """What the sensors say of the places: measured minus desired within the lines, um, and that in pixels.
+
+    And the noise of a tick of them, um rms: of all ticks, as a line may have few.
+    """
 
     error: FloatArray
+    noise: tuple[float, float]
     distortion: Distortion | None
 
     @classmethod
     def of(cls, scan: Scan, places: FloatArray, columns: int) -> _Measured:
         error = places - _desired(scan)
+        of_x, of_y = (_noise(one, rates.ticks_of_lines(scan)) for one in error.T)
         error[~scan.inside] = np.nan
         if scan.name != "raster":
-            return cls(error, None)
+            return cls(error, (of_x, of_y), None)
         x, y = (_without_gaps(one) for one in places.T)
-        return cls(error, distortion(scan, x, y, columns))
-
-    @property
-    def noise(self) -> tuple[float, float]:
-        """Of a tick of the sensors, um rms."""
-        x, y = (metrics.noise(one) for one in self.error.T)
-        return x, y
+        return cls(error, (of_x, of_y), distortion(scan, x, y, columns))
 
     def off(self, pixel: tuple[float, float]) -> float:
         """Distance of a pixel from its place, pixels, rms, without noise."""
-        return float(np.linalg.norm([one / size for one, size in zip(_rms(self.error), pixel, strict=True)]))
+        return float(
+            np.linalg.norm([one / size for one, size in zip(_rms(self.error, self.noise), pixel, strict=True)])
+        )
 
     @property
     def apart(self) -> float:
@@ -196,7 +203,7 @@ class _Measured:
     @property
     def noise_apart(self) -> float:
         """What the noise of the sensors alone may make of it, pixels."""
-        return _noise_apart(self.distortion, self.error)
+        return _noise_apart(self.distortion, self.noise)
 
 
 def _desired(scan: Scan) -> FloatArray:
@@ -249,6 +256,26 @@ def _without_gaps(place: FloatArray) -> FloatArray:
     return place if known.all() else np.interp(np.arange(place.size), np.flatnonzero(known), place[known])
 
 
+def _noise(error: FloatArray, period: int) -> float:
+    """Of a sample of a sensor, um rms, by neighbouring samples, or by those of neighbouring lines, if it is less then.
+
+    What the motion makes of neighbouring samples in fast lines is the same in the next one. `period` is that of the
+    lines, ticks; 0 is none.
+    """
+    found = [_of_neighbours(error)]
+    if 0 < period < error.size // 2:
+        found.append(_of_neighbours(error[period:] - error[:-period]) / math.sqrt(2))
+    return min(found)
+
+
+def _of_neighbours(error: FloatArray) -> float:
+    """By the pieces without gaps; where all are short, by what came."""
+    if not np.isfinite(error).any():
+        return 0.0
+    pieces = np.ma.clump_unmasked(np.ma.masked_invalid(error))  # type: ignore[no-untyped-call]
+    return noise(_without_gaps(error), pieces) or metrics.noise(error)
+
+
 def _shift(made: Mapping[str, Image]) -> tuple[float, float] | None:
     """By the images alone, where they are large enough and show the same thing: noise has a shift, too."""
     trace, retrace = made["trace"], made["retrace"]
@@ -274,13 +301,13 @@ def _moved_on(scan: Scan, columns: int) -> float:
     return float(np.mean(y[direction < 0]) - np.mean(y[direction > 0])) / row
 
 
-def _rms(error: FloatArray) -> tuple[float, float]:
-    squares = [np.nanmean(one**2) - metrics.noise(one) ** 2 for one in error.T]
+def _rms(error: FloatArray, noise: tuple[float, float]) -> tuple[float, float]:
+    squares = [np.nanmean(one**2) - of_sensor**2 for one, of_sensor in zip(error.T, noise, strict=True)]
     return float(np.sqrt(max(squares[0], 0.0))), float(np.sqrt(max(squares[1], 0.0)))
 
 
-def _noise_apart(moved: Distortion | None, error: FloatArray) -> float:
-    return 0.0 if moved is None else moved.apart_by_noise([metrics.noise(one) for one in error.T])
+def _noise_apart(moved: Distortion | None, noise: tuple[float, float]) -> float:
+    return 0.0 if moved is None else moved.apart_by_noise(noise)
 
 
 def _judged(

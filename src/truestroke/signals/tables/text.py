@@ -90,6 +90,8 @@ def read_text(path: Path, narrowest: int) -> Table:
         lines = list(itertools.islice(file, PROBE))
     layout = _layout(path, encoding, lines, narrowest)
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
+    if layout.separator == ",":
+        _refuse_mixed(layout, lines)
     width = len(layout.fields(rows[0]))
     above = lines[: layout.lines_before]
     if found := _general_command_set(above, width):
@@ -234,7 +236,11 @@ def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[Fl
     with layout.open() as file:
         for _ in range(layout.lines_before):
             next(file)
+        passed = layout.lines_before
         while lines := file.readlines(CHUNK):
+            if layout.separator == "," and layout.width:
+                _refuse_more(layout, lines, passed)
+            passed += len(lines)
             block = _parse(lines, layout, columns)
             table[:, rows : rows + len(block)] = block.T
             rows += len(block)
@@ -243,6 +249,38 @@ def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[Fl
             if _is_cut(layout, lines):
                 table[:, rows - 1] = np.nan
     return list(table[:, :rows])
+
+
+def _refuse_more(layout: _Layout, lines: Sequence[str], passed: int) -> None:
+    """RecordError for a row between commas that has more numbers than there are columns: it has decimal commas.
+
+    Its columns would be others: of 2,5 the 5 is one more. `passed`: lines of the file before these.
+    """
+    counts = [line.count(",") for line in lines]
+    usual = statistics.mode(counts[:PROBE])
+    for number, (line, count) in enumerate(zip(lines, counts, strict=True), passed + 1):
+        if count > usual and _is_row(line):
+            _refuse_wider(layout, line, number, layout.width)
+
+
+def _refuse_mixed(layout: _Layout, lines: Sequence[str]) -> None:
+    """The same at the beginning of a text, where some rows have as many numbers as there are names, and others more."""
+    before = [line for line in lines[: layout.lines_before] if _is_row(line)]
+    names = layout.fields(before[-1]) if before else []
+    rows = [(k, line) for k, line in enumerate(lines, 1) if k > layout.lines_before and _is_row(line)]
+    named = len(names) > 1 and all(math.isnan(_number(name)) for name in names)
+    if named and any(_filled(layout.cells(line)) == len(names) for _, line in rows):
+        for number, line in rows:
+            _refuse_wider(layout, line, number, len(names))
+
+
+def _refuse_wider(layout: _Layout, line: str, number: int, width: int) -> None:
+    cells = layout.cells(line)
+    cells = cells[: _filled(cells)]
+    if len(cells) > width and not any(math.isnan(_number(cell)) for cell in cells):
+        reason = f"{_shown(line)} has {len(cells)} numbers, the columns are {width}: are there decimal commas between "
+        reason += "commas? Write decimal points in all rows, or export with ; between the columns"
+        raise RecordError(str(layout.path), reason, number, "line")
 
 
 def _is_cut(layout: _Layout, lines: Sequence[str]) -> bool:

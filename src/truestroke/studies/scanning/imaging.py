@@ -33,7 +33,7 @@ PIXELS = 512
 WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
 SAMPLE_RATE = 5000.0  # Hz
-SLOWEST = 1.0  # Hz of the rows: minutes, and 0.9 GB of memory
+SLOWEST = 1.0  # Hz of the rows: minutes, and 0.7 GB of memory
 TICK = 2e-5  # s that a tick of all four runs takes, on two cores that are busy
 SOFTEST, STIFFEST = 10.0, 2200.0  # Hz: slower rows would be needed, or more samples a second
 LEAD_IN, LEAST_LEAD = 4.0, 8  # s of lines before the image, and their number at least
@@ -258,12 +258,19 @@ def image_stage(
     return image(*planned(rate, resonances, kinds, noise, seed), seed)
 
 
-def image(stage: MultiAxisSettings, scan: Scan, seed: int) -> Scanned:
-    """As `image_stage`, of what was `planned`."""
+def image(
+    stage: MultiAxisSettings, scan: Scan, seed: int, progress: Callable[[int, int], None] | None = None
+) -> Scanned:
+    """As `image_stage`, of what was `planned`; `progress` is called with ticks done and all ticks of the last run."""
     samples = scans.Grating(), scans.Texture(seed=seed)
     gains = [one.stroke / one.voltage_limits[1] for one in stage.axes]
     usual = {"sample_rate": SAMPLE_RATE, "stroke": STROKE, "voltage_limits": LIMITS}
     hungry = threading.Lock()  # one thread after the other takes hundreds of MB where rows are slow
+
+    def tell(done: int, ticks: int) -> None:
+        going()
+        if progress is not None:
+            progress(done, ticks)
 
     def made(name: str) -> Imaged:
         going()
@@ -271,7 +278,7 @@ def image(stage: MultiAxisSettings, scan: Scan, seed: int) -> Scanned:
         moving: dict[str, Callable[[], FloatArray]] = {
             "open loop": lambda: lines.open_loop(scan, plant, gains),
             "paper": lambda: lines.alone(scan, plant, [AdaptiveController.paper(**usual) for _ in gains]),  # type: ignore[arg-type]
-            "truestroke": lambda: lines.together(scan, plant, controller, going, hungry),
+            "truestroke": lambda: lines.together(scan, plant, controller, tell, hungry),
         }
         true = moving[name]()
         going()
