@@ -93,6 +93,8 @@ def test_states_of_duhem_against_an_integrator():
             start = [scale * (-40.0 / 60.0) ** power]
             found = solve_ivp(rate, (0, length[-1]), start, t_eval=length[1:], rtol=1e-9, atol=1e-9, max_step=2.0)
             np.testing.assert_allclose(TERMS.columns(x[1:])[:, column + power - 1], found.y[0], atol=2e-5)
+    np.testing.assert_array_equal(TERMS.states(x, 7), TERMS.states(x)[::7])
+    assert TERMS.states(np.empty(0)).shape == (0, TERMS.states(x).shape[1])
 
 
 def test_states_do_not_depend_on_how_densely_a_way_is_sampled():

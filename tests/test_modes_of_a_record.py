@@ -1,5 +1,7 @@
 """Resonances that a record shows: found, predicted, inverted, kept in the file, passed to a controller."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from benchmarks import foreign_records, identify_speed, sensorless
@@ -8,9 +10,12 @@ from scipy.signal import TransferFunction, lsim
 import truestroke
 from truestroke.control import stage
 from truestroke.identification import Record, identify, load_model, refine, save_model
-from truestroke.identification.fitting import modes, procedure
+from truestroke.identification.fitting import modes, procedure, structure
 from truestroke.identification.fitting.absorbed import absorbed
 from truestroke.identification.fitting.modes import ModeSearch
+from truestroke.identification.fitting.regression import Structure, even_thresholds
+from truestroke.identification.fitting.select import first_prediction
+from truestroke.identification.records.series import series
 from truestroke.model.dynamics import Dynamics, Mode
 
 TRUE = ((0.75, 170.0, 0.03), (0.17, 395.0, 0.02), (0.08, 710.0, 0.025))  # share, Hz, damping: of modes_excited
@@ -194,3 +199,24 @@ def test_modes_that_ring_are_alone():
     found = Dynamics(sample_rate=2e3, modes=(flat, *ringing))
     assert [mode.share for mode in modes.resonant(found).modes] == pytest.approx([0.75, 0.25])
     assert modes.resonant(Dynamics(sample_rate=2e3, modes=(Mode(frequency=40.0, damping=0.5),))) is None
+
+
+def test_a_fit_goes_on_from_another_and_ends_where_nothing_changes(monkeypatch):
+    """The strain behind modes is about the one behind others: one step, in place of three from a first prediction."""
+    steps, linearised = [], structure._linearised
+    monkeypatch.setattr(structure, "_linearised", lambda *given: (steps.append(1), linearised(*given))[1])
+    volts, z = identify_speed.record(2000)
+    s = series(Record.from_arrays(volts, stage.through(identify_speed.MODE, z), sample_rate=2000.0))
+    data = dataclasses.replace(procedure.data_of(s, 2000, 2000), dynamics=identify_speed.MODE)
+    terms = Structure(thresholds=even_thresholds(16, 0.9), creep_times=(0.03,), asymmetry=2)
+    whole = structure.fit_structure(data, terms, 1e-3, first_prediction(data))
+    assert len(steps) == structure.STEPS + 1
+    again = structure.fit_structure(data, terms, 1e-3, whole, certain=False)
+    assert len(steps) == structure.STEPS + 2
+    assert np.std(again.strain - whole.strain) < 0.1 * whole.model.noise
+    assert again.model.noise == pytest.approx(whole.model.noise, rel=1e-3)
+    # of other rows it begins with what its model predicts
+    other = dataclasses.replace(
+        data, volts=volts[:1500], displacement=data.displacement[:1500], known=data.known[:1500]
+    )
+    np.testing.assert_allclose(whole.before(other)[:1400], whole.before(data)[:1400], atol=1e-3)

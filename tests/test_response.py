@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import foreign_records, other_records
+from benchmarks import foreign_records, identify_speed, other_records
 from scipy.signal import lsim
 
 from truestroke.control import stage
-from truestroke.identification import ActuatorModel, load_model, save_model
+from truestroke.identification import ActuatorModel, Record, load_model, save_model
+from truestroke.identification.fitting import response
 from truestroke.identification.fitting.procedure import data_of, fit_samples, time_constants
 from truestroke.identification.fitting.regression import Structure
-from truestroke.identification.fitting.response import _excerpt, find_response
+from truestroke.identification.fitting.response import _excerpt, _Quick, find_response
 from truestroke.identification.records.series import series
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.model.sampled import respond
@@ -179,3 +180,19 @@ def test_the_final_model_decides_where_the_quick_one_hardly_prefers_a_lag(lag):
     low, high = response.time_constant_interval
     assert low <= response.time_constant <= high
     assert high == quick.time_constant_interval[1]
+
+
+def test_what_is_only_compared_is_not_fitted_to_the_last_digit(monkeypatch):
+    """Six starts and the ends of intervals: what is found is the same but for a small part of its interval."""
+    made, fitted = [], _Quick._fitted
+    monkeypatch.setattr(_Quick, "_fitted", lambda *given: (made.append(given[1:]), fitted(*given))[1])
+    volts, z = identify_speed.record(1200, excited=True)
+    s = series(Record.from_arrays(volts, stage.through(identify_speed.MODES, z), sample_rate=2000.0))
+    found = time_constants(s)
+    few = len(made)
+    monkeypatch.setattr(response, "NEARLY", 0.0)
+    to_the_end = time_constants(s)
+    assert few < 0.9 * (len(made) - few)
+    for name in ("delay", "time_constant"):
+        low, high = getattr(to_the_end, f"{name}_interval")
+        assert abs(getattr(found, name) - getattr(to_the_end, name)) < 0.03 * (high - low)

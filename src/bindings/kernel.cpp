@@ -1061,12 +1061,44 @@ void displacement(Vector<double> plays, Columns known, Vector<double> weights, V
                   Output z) {
     size_t ticks = plays.shape(0), n = weights.shape(0), terms = asymmetry.shape(0);
     require_lengths(z.shape(0) == ticks && known.shape(0) == n && known.shape(1) == ticks && terms <= TS_MAX_ASYMMETRY);
-    std::vector<ts_real> w = reals(weights), curved = reals(asymmetry), at(n);
+    constexpr size_t block = 64; // ticks whose terms are beside each other: a row of `known` is read in one go
+    std::vector<ts_real> w = reals(weights), curved = reals(asymmetry), at(block * n);
+    nb::gil_scoped_release release;
+    for (size_t first = 0; first < ticks; first += block) {
+        const size_t end = std::min(first + block, ticks);
+        for (size_t i = 0; i < n; i++)
+            for (size_t k = first; k < end; k++)
+                at[(k - first) * n + i] = static_cast<ts_real>(known.data()[i * ticks + k]);
+        for (size_t k = first; k < end; k++) {
+            const ts_real y = static_cast<ts_real>(plays.data()[k]) +
+                              ts_dot(w.data(), at.data() + (k - first) * n, static_cast<int>(n));
+            z.data()[k] = ts_with_asymmetry(curved.data(), static_cast<int>(terms), static_cast<ts_real>(stroke), y);
+        }
+    }
+}
+
+// States of Duhem along s, one state of s and one of s^2 for each beta (in units of s), from rest at the first of s: of
+// every `every`-th row behind it. Straight lines between samples, c = P(s) + (c0 - P(s0)) exp(-beta |ds|).
+void duhem_states(Vector<double> s, Vector<double> betas, double half, size_t every, Rows rows) {
+    const size_t ticks = s.shape(0) - 1, n = betas.shape(0);
+    require_lengths(s.shape(0) > 0 && every > 0 && rows.shape(0) == (ticks + every - 1) / every &&
+                    rows.shape(1) == 2 * n);
+    std::vector<double> c(2 * n);
+    for (size_t j = 0; j < n; j++) {
+        c[2 * j] = half * s.data()[0];
+        c[2 * j + 1] = half * (0.5 * s.data()[0] * s.data()[0]);
+    }
     nb::gil_scoped_release release;
     for (size_t k = 0; k < ticks; k++) {
-        for (size_t i = 0; i < n; i++) at[i] = static_cast<ts_real>(known.data()[i * ticks + k]);
-        const ts_real y = static_cast<ts_real>(plays.data()[k]) + ts_dot(w.data(), at.data(), static_cast<int>(n));
-        z.data()[k] = ts_with_asymmetry(curved.data(), static_cast<int>(terms), static_cast<ts_real>(stroke), y);
+        const double from = s.data()[k], to = s.data()[k + 1], way = std::fabs(to - from), sign = to < from ? -1.0 : 1.0;
+        for (size_t j = 0; j < n && way > 0.0; j++) {
+            const double lag = sign / betas.data()[j], kept = std::exp(-betas.data()[j] * way);
+            const double begun = from - lag, ends = to - lag;
+            c[2 * j] = half * ends + kept * (c[2 * j] - half * begun);
+            c[2 * j + 1] = half * (0.5 * to * to - ends * lag) +
+                           kept * (c[2 * j + 1] - half * (0.5 * from * from - begun * lag));
+        }
+        if (k % every == 0) std::copy(c.begin(), c.end(), rows.data() + k / every * 2 * n);
     }
 }
 
@@ -1139,6 +1171,7 @@ MODULE(TS_MODULE, m) {
     m.def("respond_rows", &respond_rows, "columns"_a, "taps"_a, "sections"_a, "lag"_a, "dead"_a, "part"_a, "every"_a,
           "rows"_a);
     m.def("displacement", &displacement, "plays"_a, "known"_a, "weights"_a, "asymmetry"_a, "stroke"_a, "z"_a);
+    m.def("duhem_states", &duhem_states, "s"_a, "betas"_a, "half"_a, "every"_a, "rows"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
     nb::class_<Kernel> kernel(m, "Kernel");

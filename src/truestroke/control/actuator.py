@@ -156,7 +156,7 @@ class ActuatorModel(Displayed, Layout):
     before: ActuatorModel | None = None
 
     def __post_init__(self) -> None:
-        made = self._settings(1.0)  # checks the terms
+        made = self._settings(1.0, law="rls")  # checks the terms; the other law would make a covariance of them
         weights = np.array(made.initial_weights)
         covariance = checks.finite_array("covariance", self.covariance, ndim=2)
         if covariance.shape != (weights.size, weights.size) or not np.allclose(covariance, covariance.T):

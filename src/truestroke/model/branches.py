@@ -36,7 +36,6 @@ from truestroke.base.typing import FloatArray
 from truestroke.model.operators import dot
 
 ROWS = 2048  # of all terms that are summed at once: what the cache of a processor holds
-LIVE = 60.0  # beta |dx| that is summed at a time: its exponential keeps its digits
 
 CURVES: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "convex": (lambda s: s + 0.45 * s * s, lambda s: 1 + 0.9 * s),
@@ -177,7 +176,7 @@ class Branches:
     def _moved(self, x: FloatArray, every: int) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """Plays of each curve, plays of the cells, and states of Duhem of every `every`-th sample."""
         plays = [self._plays(curve, x, every) for curve in self.curves]
-        return plays, self._cell_plays(x, every), self.states(x)[::every]
+        return plays, self._cell_plays(x, every), self.states(x, every)
 
     def _parts(self, plays: Sequence[FloatArray], y: FloatArray, states: FloatArray) -> Iterator[FloatArray]:
         yield from plays
@@ -240,32 +239,15 @@ class Branches:
         made *= self.half
         return made
 
-    def states(self, x: FloatArray) -> FloatArray:
-        """The states along a voltage, V, shape (samples, states); they rest at 0 V before it."""
-        size = 2 * len(self.betas)
-        if not size:
-            return np.empty((x.size, 0))
+    def states(self, x: FloatArray, every: int = 1) -> FloatArray:
+        """The states along a voltage, V, of every `every`-th sample, shape (rows, states); they rest at 0 V before it.
+
+        Natively, as `settles` says of each way.
+        """
+        rows = np.empty((-(-x.size // every), 2 * len(self.betas)))
         s = self.scaled(np.concatenate([np.zeros(1), x]))
-        ds = np.diff(s)
-        sign = np.where(ds < 0, -1.0, 1.0)
-        gone = np.repeat(np.array(self.betas) / 2, 2) * np.abs(ds)[:, None]  # the two states of a beta alike
-        kept = np.exp(-gone)
-        gained = self.settles(s[1:], sign) - kept * self.settles(s[:-1], sign)
-        out = np.empty((x.size, size))
-        state = self.half * np.stack([s[0], 0.5 * s[0] ** 2])[None].repeat(len(self.betas), 0).ravel()
-        swept = np.cumsum(gone.max(axis=1, initial=0.0))
-        start, add, exp = 0, np.add.accumulate, np.exp
-        while start < x.size:
-            stop = max(start + 1, int(swept.searchsorted((swept[start - 1] if start else 0.0) + LIVE)))
-            grown = add(gone[start:stop])
-            grown -= gone[start]
-            exp(grown, out=grown)
-            made = out[start:stop]
-            add(gained[start:stop] * grown, out=made)
-            made += state * kept[start]
-            made /= grown
-            state, start = out[stop - 1], stop
-        return out
+        _kernel.duhem_states(s, np.array(self.betas) / 2, self.half, every, rows)
+        return rows
 
     # ---- Slopes ----------------------------------------------------------------------------------------------------
 

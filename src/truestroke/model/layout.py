@@ -158,7 +158,7 @@ class Layout:
         """Places of the rate weights b, of those plays that have one."""
         return self.a[self.rate_plays] + 1
 
-    @property
+    @cached_property
     def of_plays(self) -> int:
         """Number of the weights of plays, a and b: those of the known terms follow them."""
         return len(self.thresholds) + len(self.rate_dependent)
@@ -169,7 +169,7 @@ class Layout:
         ends = self.of_plays + np.cumsum([0, *self.counts.values()])
         return {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(TERMS)}
 
-    @property
+    @cached_property
     def parameters(self) -> int:
         """Number m of the weights."""
         return self.of_plays + sum(self.counts.values())

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 
-CHUNK = 256  # rows that are eliminated at a time: they stay in the processor's cache
+CHUNK = 512  # rows that are eliminated at a time: they stay in the processor's cache
 BLOCK = 8  # columns, likewise
 
 
@@ -22,7 +23,11 @@ class Prior:
 
     def rows(self, weight: float) -> FloatArray:
         """Rows [A | t] that pull coefficients to the mean with `weight` times the precision."""
-        root = np.linalg.inv(np.linalg.cholesky(self.covariance)) * np.sqrt(weight)
+        return np.asarray(self._rows * np.sqrt(weight))
+
+    @cached_property
+    def _rows(self) -> FloatArray:
+        root = np.linalg.inv(np.linalg.cholesky(self.covariance))
         return np.column_stack([root, root @ self.mean])
 
     def part(self, columns: FloatArray) -> Prior:
@@ -93,4 +98,5 @@ def triangular(R: FloatArray, right: FloatArray, transposed: bool = False) -> Fl
 
 def sum_of_squares(rows: FloatArray, c: FloatArray) -> float:
     """Of A c - t, rows = [A | t]."""
-    return float(np.sum((rows @ np.append(c, -1.0)) ** 2))
+    e = rows[:, :-1] @ c - rows[:, -1]
+    return float(e @ e)

@@ -133,9 +133,9 @@ def _is_late(both: Sequence[tuple[Data, _Chosen]], fixed: Mapping[str, Any]) -> 
     return without >= NEITHER_IF * late
 
 
-def _with_any_branches(data: Data, chosen: _Chosen) -> BranchChoice:
+def _with_any_branches(data: Data, chosen: _Chosen, near: Fit | None = None) -> BranchChoice:
     structure, weight, guess, _ = chosen
-    return choose_branches(data, structure, weight, _strain(data, structure, weight, guess))
+    return choose_branches(data, structure, weight, _strain(data, structure, weight, near or guess))
 
 
 def _behind(coarse: Data, fine: Data) -> Data:
@@ -175,8 +175,9 @@ def _resonances(
     if np.count_nonzero(searched.fitted(structure.rested)) < FEWEST:
         return None
     pull = weight * searched.displacement.size / static.displacement.size
-    found = _searched(s, searched, structure, pull, guess, None if before is None else before.model.dynamics)
-    each = [(dynamics, *_compared(static, dynamics, chosen)) for dynamics in found]
+    searches = _Searches(s, searched, structure, pull, guess)
+    found = _searched(searches, None if before is None else before.model.dynamics)
+    each = [(dynamics, *_compared(static, dynamics, chosen, searches.last)) for dynamics in found]
     if not each:
         return None
     dynamics, rmse, data, guess = each[-1] if each[-1][1] < OTHERS * each[0][1] else each[0]
@@ -185,22 +186,27 @@ def _resonances(
     thresholds = {"thresholds": structure.thresholds}
     structure, weight, more = choose(data, guess, {**fixed, **thresholds})
     behind = structure, weight, guess, more
-    if more[-1].rmse > RESONATES * tried[-1].rmse or (fixed["branches"] and _is_branches(static, chosen, data, behind)):
+    if more[-1].rmse > RESONATES * tried[-1].rmse:
+        return None
+    if fixed["branches"] and _is_branches(static, chosen, data, behind, searches.last):
         return None
     return dynamics, structure, weight, guess, (*tried, *more)
 
 
-def _compared(static: Data, dynamics: Dynamics, chosen: _Chosen) -> tuple[float, Data, FloatArray]:
-    """The rmse of cross-validation behind these modes, um, with the samples and the strain behind them."""
-    structure, weight, guess, _ = chosen
+def _compared(static: Data, dynamics: Dynamics, chosen: _Chosen, near: Fit) -> tuple[float, Data, FloatArray]:
+    """The rmse of cross-validation behind these modes, um, with the samples and the strain behind them.
+
+    `near` is the last fit of the search that found them.
+    """
+    structure, weight, *_ = chosen
     data = _behind_modes(static, dynamics)
-    strain = _strain(data, structure, weight, guess)
+    strain = _strain(data, structure, weight, near)
     return with_this(data, structure, strain, weight), data, strain
 
 
-def _is_branches(static: Data, chosen: _Chosen, resonant: Data, behind: _Chosen) -> bool:
+def _is_branches(static: Data, chosen: _Chosen, resonant: Data, behind: _Chosen, near: Fit) -> bool:
     """Whether what looks like a mode behind plays is hysteresis of another kind: branches explain it as well."""
-    without = _with_any_branches(static, chosen)
+    without = _with_any_branches(static, chosen, near)
     return without.taken is not None and _with_any_branches(resonant, behind).least > RESONATES * without.least
 
 
@@ -213,6 +219,7 @@ class _Searches:
         self.static, self.structure, self.weight, self.guess = static, structure, weight, guess[:n]
         self.known, self.z = s.known[:n] & (np.arange(n) >= first), s.displacement[:n] - static.zero
         self.rate, self._fits = s.sample_rate, list[tuple[Dynamics | None, Fit]]()
+        self._last: Fit | None = None
 
     def behind(self, found: Dynamics | None, narrow: bool = True, flat: bool = True, lags: bool = False) -> ModeSearch:
         """A search behind these modes; with `lags` the lag of the model is kept, else it is for the dead time."""
@@ -223,8 +230,15 @@ class _Searches:
         strain, late = (fit.strain, 0.0) if lags else _without_lag(fit, self.static, found)
         return ModeSearch(strain, self.z, self.known, self.rate, narrow, flat, late)
 
+    @property
+    def last(self) -> Fit:
+        """The latest fit, from which others go on: its strain is about theirs, whatever the modes are."""
+        return self._last or self._fit(self.static)
+
     def _fit(self, data: Data) -> Fit:
-        return fit_structure(data, self.structure, self.weight, self.guess, certain=False)
+        guess = self.guess if self._last is None else self._last
+        self._last = fit_structure(data, self.structure, self.weight, guess, certain=False)
+        return self._last
 
     def strain(self, data: Data) -> FloatArray:
         """What a fitted model gives before the stage, um above `Data.zero`."""
@@ -243,16 +257,13 @@ class _Searches:
         return made
 
 
-def _searched(
-    s: Series, static: Data, structure: Structure, weight: float, guess: FloatArray, found: Dynamics | None
-) -> list[Dynamics]:
+def _searched(searches: _Searches, found: Dynamics | None) -> list[Dynamics]:
     """The modes that samples show beyond those that were found; where they may be wrong, those of another search, too.
 
     They may be where there are none, where one does not ring, or where the model behind them has a lag, which should be
     dead time: the other search has the lag as dead time, and modes that ring alone. Each is found behind a model with
     those before. Where none is, the model without may have followed one.
     """
-    searches = _Searches(s, static, structure, weight, guess)
     made = searches.in_turn(found, lags=True) or _absorbed(searches)
     if made is not None and not modes.flat(made) and abs(searches.behind(made).late) < LAGS:
         return [made]
@@ -303,9 +314,9 @@ def _excerpt(s: Series, samples: int, of: Data) -> Data:
     return dataclasses.replace(of, volts=of.volts[:samples], displacement=z, known=known, every=every)
 
 
-def _strain(data: Data, structure: Structure, weight: float, guess: FloatArray) -> FloatArray:
+def _strain(data: Data, structure: Structure, weight: float, guess: FloatArray | Fit) -> FloatArray:
     """What a fitted model gives before the stage, um above `Data.zero`."""
-    return fit_structure(data, structure, weight, guess[: data.volts.size], certain=False).strain
+    return fit_structure(data, structure, weight, guess, certain=False).strain
 
 
 def data_of(s: Series, samples: int, rows: int) -> Data:

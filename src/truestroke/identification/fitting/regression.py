@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -63,12 +63,12 @@ class Structure(Layout):
         """Time constants, s, of creep that was under way when the record began: none at rest."""
         return () if self.rested else self.creep_times
 
-    @property
+    @cached_property
     def coefficients(self) -> tuple[str, ...]:
         """Names of the coefficients: the weights, then the starts of the creep states, the drift, and the branches."""
         return (*self.names, *[f"start {tau:g} s" for tau in self.starts], *self.drift, *self.further)
 
-    @property
+    @cached_property
     def further(self) -> tuple[str, ...]:
         """Names of the weights of the branches, the last coefficients."""
         return () if self.branches is None else self.branches.names
@@ -236,19 +236,7 @@ class Data:
 
     def prior(self, s: Structure) -> Prior:
         """`prior.covariance`, but lag and offset as far as the record's clock and sensor may be off."""
-        low, high = self.voltage_range
-        a = prior.play_weights(s.thresholds, high - low, prior.FIRST_SLOPE * self.q)
-        known = prior.covariance(s, a, q=self.q, stroke=self.stroke)
-        lag, offset = s.columns["lag"], s.columns["offset"]
-        known[lag, lag] = max(TERMS["lag"].deviation, 1 / self.sample_rate) ** 2
-        known[offset, offset] = (self.stroke + self.q * max(abs(low), abs(high))) ** 2
-        starts = np.repeat([CREEP_START, DRIFT_DEVIATION], [len(s.starts), len(s.drift)]) ** 2 * self.stroke**2
-        of = {"duhem": DUHEM_DEVIATION, "cell": CELL_DEVIATION}
-        curved = [of.get(name.split()[0], CURVED_DEVIATION) for name in s.further]
-        starts = np.append(starts, (np.array(curved) * self.q) ** 2)
-        covariance = np.diag(np.append(np.zeros(s.parameters), starts))
-        covariance[: s.parameters, : s.parameters] = known
-        return Prior(np.append(s.vector(a), np.zeros_like(starts)), covariance)
+        return _prior(s, self.stroke, self.voltage_range, self.sample_rate)
 
     def constraints(self, s: Structure, velocity: float) -> tuple[FloatArray, FloatArray]:
         """G and g of G c >= g, without which there is no inverse.
@@ -304,6 +292,27 @@ class Data:
             velocity=velocity,
             dynamics=self.dynamics,
         )
+
+
+@lru_cache(maxsize=64)
+def _prior(s: Structure, stroke: float, voltage_range: tuple[float, float], sample_rate: float) -> Prior:
+    """Kept for the many fits that differ by their rows and by what is behind the actuator."""
+    low, high = voltage_range
+    q = stroke / (high - low)
+    a = prior.play_weights(s.thresholds, high - low, prior.FIRST_SLOPE * q)
+    known = prior.covariance(s, a, q=q, stroke=stroke)
+    lag, offset = s.columns["lag"], s.columns["offset"]
+    known[lag, lag] = max(TERMS["lag"].deviation, 1 / sample_rate) ** 2
+    known[offset, offset] = (stroke + q * max(abs(low), abs(high))) ** 2
+    starts = np.repeat([CREEP_START, DRIFT_DEVIATION], [len(s.starts), len(s.drift)]) ** 2 * stroke**2
+    of = {"duhem": DUHEM_DEVIATION, "cell": CELL_DEVIATION}
+    curved = [of.get(name.split()[0], CURVED_DEVIATION) for name in s.further]
+    starts = np.append(starts, (np.array(curved) * q) ** 2)
+    covariance = np.diag(np.append(np.zeros(s.parameters), starts))
+    covariance[: s.parameters, : s.parameters] = known
+    mean = np.append(s.vector(a), np.zeros_like(starts))
+    mean.flags.writeable = covariance.flags.writeable = False
+    return Prior(mean, covariance)
 
 
 def plays(x: FloatArray, thresholds: tuple[float, ...], every: int = 1) -> FloatArray:

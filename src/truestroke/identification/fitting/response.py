@@ -44,6 +44,7 @@ JUMPS = 5.0  # times the mean change of the voltage from row to row: a step; of 
 FEWEST_TURNS = 4  # between which strokes are compared
 HIDDEN = 0.08  # of a stroke: hysteresis looks like so much dead time or lag where all strokes are alike; seen: 0.066
 CONVERGED = 5e-3  # samples
+NEARLY = 1e-3  # of the sum of squares: a step of a hypothesis that gains less does not change which one is taken
 UNDECIDED = 10.0  # bounds: the model without dead time and lag loses less, and the final model is asked, too
 
 
@@ -210,13 +211,13 @@ class _Quick:
             D -= W @ (inverse @ (inverse.T @ (W.T @ D)))
         return Fitted(float(np.sum((R[:, -1] - R[:, :-1] @ c) ** 2)), c, D.T @ D, D.T @ (t - W @ c))
 
-    def least(self, delay: float, lag: float, fixed: int | None = None) -> Minimum:
-        """The least sum of squares from a start; `fixed` keeps one of the two."""
+    def least(self, delay: float, lag: float, fixed: int | None = None, gain: float = 0.0) -> Minimum:
+        """The least sum of squares from a start, but for steps that gain less than `gain` of it; `fixed` keeps one."""
         p = np.array([delay, lag])
         squares, _, G, g = self.fit(*p)
         for _ in range(STEPS):
             step = _step(p, G, g, fixed)
-            if np.abs(step).max() < CONVERGED:
+            if np.abs(step).max() < CONVERGED or g @ step < gain * squares:
                 break
             for share in (1.0, 0.5, 0.1):
                 other = np.maximum(p + share * step, 0.0)
@@ -243,14 +244,19 @@ class _Quick:
 
     def found(self, coarse: float, certain: bool) -> Response:
         """The hypotheses compared."""
-        best = min(self.least(coarse, 0.0), self.least(0.3 * coarse, 0.7 * coarse), key=_squares)
-        for _ in range(2):
+        starts = (coarse, 0.0), (0.3 * coarse, 0.7 * coarse)
+        best = min((self.least(*start, gain=NEARLY) for start in starts), key=_squares)
+        for gain in (NEARLY, 0.0):
             self.whiten(best.delay, best.lag)
-            best = self.least(best.delay, best.lag)
+            best = self.least(best.delay, best.lag, gain=gain)
         total = best.delay + best.lag
         none = Minimum(self.fit(0.0, 0.0)[0], 0.0, 0.0, best.G)
         dead, lag = self.least(total, 0.0, fixed=1), self.least(0.0, total, fixed=0)
-        best = min(best, self.least(0.5 * total, 0.5 * total), self.least(0.0, 0.0), dead, lag, key=_squares)
+        others = [self.least(*start, gain=NEARLY) for start in ((0.5 * total, 0.5 * total), (0.0, 0.0))]
+        near = min(others, key=_squares)
+        if near.squares < best.squares:
+            near = self.least(near.delay, near.lag)
+        best = min(best, near, dead, lag, key=_squares)
         bound, both = (x * (1 + MISFIT * self.rows) * best.squares / max(self.rows, 1) for x in CHI_SQUARED)
         still, late, lagged = (e.squares <= best.squares + bound for e in (none, dead, lag))
         chosen = none if still else lag if late and lagged else best
@@ -281,7 +287,7 @@ class _Quick:
             start = at.copy()
             start[k] = max(at[k] + sign * step, 0.0)
             start[1 - k] = max(at.sum() - start[k], 0.0)
-            tried = self.least(float(start[0]), float(start[1]), fixed=k)
+            tried = self.least(float(start[0]), float(start[1]), fixed=k, gain=NEARLY)
             lost = (tried.squares - best.squares) / bound
             there = np.array([tried.delay, tried.lag])
             if lost <= 1:
@@ -381,10 +387,10 @@ def _columns(
     a = known.mean[s.a]
     of_gain, of_hysteresis = prior.GAIN_DEVIATION * a, prior.HYSTERESIS_DEVIATION * np.append(0.0, a[1:])
     together = np.outer(of_gain, of_gain) + np.outer(of_hysteresis, of_hysteresis)
-    known.covariance[np.ix_(s.a, s.a)] = together + np.diag((SPREAD * a) ** 2)
     m = known.mean.size
     of_others = [*[data.stroke] * len(others), *[OF_BETAS * data.q] * duhem.shape[1]]
     covariance = np.diag(np.square([*np.zeros(m), *of_others]))
     covariance[:m, :m] = known.covariance
+    covariance[np.ix_(s.a, s.a)] = together + np.diag((SPREAD * a) ** 2)
     columns = np.column_stack([H, *creep, np.ones(len(H)), *starts, *others, duhem])
     return columns, Prior(np.append(known.mean, np.zeros(len(of_others))), covariance)

@@ -151,22 +151,20 @@ class _Blocks:
     means: FloatArray  # of the rows of each quarter of each part of `left_out`
     rows: int
     data: Data
-    _pulls: dict[Structure, FloatArray] = field(default_factory=dict, init=False)
-    _within: dict[Structure, tuple[FloatArray, ...]] = field(default_factory=dict, init=False)
+    _within: dict[Structure, tuple[tuple[FloatArray, FloatArray], ...]] = field(default_factory=dict, init=False)
     _rmse: dict[tuple[Structure, float], float] = field(default_factory=dict, init=False)
 
-    def within(self, s: Structure) -> tuple[FloatArray, ...]:
-        """`before` of the columns of a structure, reduced once for all weights of the prior."""
+    def within(self, s: Structure) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Each of `before`, and of `left_out`, of the columns of a structure: once for all weights of the prior."""
         if s not in self._within:
             columns = np.append(s.columns_in(self.full), -1)
-            self._within[s] = tuple(normal.reduced(before[:, columns]) for before in self.before)
+            pairs = zip(self.before, self.left_out, strict=True)
+            self._within[s] = tuple((normal.reduced(before[:, columns]), out[:, columns]) for before, out in pairs)
         return self._within[s]
 
     def pull(self, s: Structure, weight: float) -> FloatArray:
         """Rows that pull the coefficients to the prior."""
-        if s not in self._pulls:
-            self._pulls[s] = self.data.prior(s).rows(1.0)
-        return self._pulls[s] * math.sqrt(weight)
+        return self.data.prior(s).rows(weight)
 
     def rmse(self, s: Structure, weight: float) -> float:
         """Of each block as the fit to all before it predicts it, um."""
@@ -175,12 +173,9 @@ class _Blocks:
         return self._rmse[s, weight]
 
     def _rmse_of(self, s: Structure, weight: float) -> float:
-        pull, columns = self.pull(s, weight), np.append(s.columns_in(self.full), -1)
-        total = 0.0
-        for left_out, before in zip(self.left_out, self.within(s), strict=True):
-            c = normal.solve(pull, above=before)
-            total += normal.sum_of_squares(left_out[:, columns], c)
-        return float(np.sqrt(total / self.rows))
+        pull = self.pull(s, weight)
+        each = ((normal.solve(pull, above=before), out) for before, out in self.within(s))
+        return float(np.sqrt(sum(normal.sum_of_squares(out, c) for c, out in each) / self.rows))
 
     def walk(self, s: Structure, weight: float) -> float:
         """Random walk of the zero, um/sqrt(s), by the mean errors of later blocks.
@@ -193,7 +188,7 @@ class _Blocks:
         quarter = self.rows / len(self.means) * self.data.every / self.data.sample_rate
         squares = seconds = 0.0
         steps: dict[int, list[float]] = {1: [], 2: []}
-        for k, before in enumerate(self.within(s)):
+        for k, (before, _) in enumerate(self.within(s)):
             c = normal.solve(pull, above=before)
             errors = self.means[QUARTERS * k :, columns] @ np.append(c, -1.0)
             blocks = errors.reshape(-1, QUARTERS).mean(axis=1)

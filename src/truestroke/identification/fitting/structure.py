@@ -14,6 +14,7 @@ from truestroke.identification.fitting.regression import Data, Structure
 from truestroke.model.sampled import central_difference
 
 STEPS = 2  # Gauss-Newton
+STILL = 0.15  # of the residual's rms: a fit to compare ends with a step that changes less; another has a tenth of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +28,16 @@ class Fit:
     rows: npt.NDArray[np.intp]  # of the record, to which the residual belongs
     drift: Callable[[int], FloatArray]  # um, of so many samples of the record
     strain: FloatArray  # um, what the model gives before dead time, lag and stage, at the full rate
+    c: FloatArray  # of `Structure.coefficients`
+
+    def before(self, data: Data) -> FloatArray:
+        """What the model, with creep that was under way, gives before dead time, lag and stage of other rows, um."""
+        same = data.volts.size == self.strain.size
+        strain = self.strain if same else self.model.strain(data.volts, data.sample_rate)
+        return strain + data.starts(self.structure, self.c[self.structure.parameters :])
 
 
-def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, certain: bool = True) -> Fit:
+def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray | Fit, certain: bool = True) -> Fit:
     """The model of structure `s`.
 
     Parameters
@@ -40,23 +48,26 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
         What the model consists of.
     weight : float
         Variance, um^2, with which the precision of the prior is multiplied.
-    guess : ndarray, shape (samples,)
+    guess : ndarray, shape (samples,), or Fit
         A first prediction before dead time and lag, um above `Data.zero`: velocity and asymmetry follow it in the
-        first step, then the model's own.
+        first step, then the model's own. Or a fit of the same structure to go on from, as behind other modes.
     certain : bool
-        Whether the covariance is wanted.
+        Whether the covariance is wanted. Where it is not, the fit is one to compare, and ends early (`STILL`).
     """
     prior, m = data.prior(s), s.parameters
     pull = prior.rows(weight)
-    c: FloatArray = np.zeros(0)
-    z = guess
+    z, c = (guess.before(data), guess.c) if isinstance(guess, Fit) else (guess, np.zeros(0))
     for _ in range(STEPS + 1):
+        last, linear = z, c.size > 0
         rows, velocity = _linearised(data, s, z, c)
         shown = normal.reduced(rows)
         c = normal.solve(pull, *data.constraints(s, velocity), above=shown)
         model = data.model(s, c, velocity)
         strain = model.strain(data.volts, data.sample_rate)
         z = strain + data.starts(s, c[m:])
+        left = abs(float(shown[-1, -1])) / np.sqrt(len(rows))
+        if linear and not certain and np.std(z - last) < STILL * left:
+            break
     residual = data.displacement - (data.through(z) + data.drift(s, c[m:], z.size))[:: data.every]
     fitted = data.fitted(s.rested)
     residual = residual[fitted]
@@ -65,7 +76,7 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray, ce
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
     of_record = np.flatnonzero(fitted) * data.every
-    return Fit(model, s, weight, residual, of_record, partial(data.drift, s, c[m:]), strain)
+    return Fit(model, s, weight, residual, of_record, partial(data.drift, s, c[m:]), strain, c)
 
 
 def _of_model(P: FloatArray, s: Structure) -> FloatArray:

@@ -11,6 +11,8 @@ from truestroke.base.typing import FloatArray
 CREEP = (0.01, 0.1, 1.0)  # s: time constants that creep is made of
 DAMPING = (1e-3, 0.7)  # ratios that are looked for
 PEAKS = 2  # of the spectrum that are tried
+FIRST, EVALUATIONS = 10, 50  # of each fit: behind the first ones those go on that may still be the best, at most
+LOST = 2.0  # times the least sum of squares: a fit that leaves more after the first evaluations ends there
 DECISIVE = 30.0  # twice the difference of log-likelihood between an answer and the next
 SHARE = 0.008  # of the squares that remain: by so much at least it must be better, as the model is not the stage
 MISFIT = 0.25  # of the motion that the fit may leave, rms: beyond that it does not describe the stage
@@ -74,7 +76,7 @@ def resonance(volts: FloatArray, z: FloatArray, sample_rate: float, onset: float
     none = record.fit(None, onset)
     if sample_rate < SLOWEST:
         return record.found(none, f"not sought at {sample_rate:g} Hz, only from {SLOWEST:g} Hz on", noise)
-    fits = sorted((record.fit(f, onset) for f in record.candidates(onset)), key=lambda fit: fit.left)
+    fits = sorted(record.fits(onset), key=lambda fit: fit.left)
     best = fits[0] if fits and record.better(fits[0], none) else none
     hidden = f"no resonance is seen in small steps below {sample_rate / 2:g} Hz; `truestroke bode` finds weaker ones"
     reason = "" if best is not none else hidden
@@ -113,7 +115,10 @@ def step_means(ticks: int, sample_rate: float, model: tuple[float, float, float,
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Parameters, the record by the model, the sum of squares of the residual (um^2), variance of log frequency."""
+    """Parameters, the record by the model, the sum of squares of the residual (um^2), variance of log frequency.
+
+    And the numbers that were fitted, from which a fit that has not converged goes on.
+    """
 
     frequency: float
     damping: float
@@ -122,6 +127,8 @@ class _Fit:
     model: FloatArray
     left: float
     variance: float
+    numbers: FloatArray  # that were fitted
+    converged: bool
 
 
 class _Record:
@@ -147,8 +154,19 @@ class _Record:
         gain = float(fast @ self._rest) / max(float(fast @ fast), 1e-300)
         return self._rest - gain * fast, gain
 
-    def fit(self, frequency: float | None, onset: float) -> _Fit:
-        """The best near a frequency, Hz, or of a stage without one."""
+    def fits(self, onset: float) -> list[_Fit]:
+        """Of each candidate; where another explains the record far better, it has not converged."""
+        begun = [(f, self.fit(f, onset, FIRST)) for f in self.candidates(onset)]
+        most = LOST * min((fit.left for _, fit in begun), default=0.0)
+        return [
+            fit if fit.converged or fit.left > most else self.fit(f, onset, EVALUATIONS - FIRST, fit.numbers)
+            for f, fit in begun
+        ]
+
+    def fit(
+        self, frequency: float | None, onset: float, evaluations: int = EVALUATIONS, start: FloatArray | None = None
+    ) -> _Fit:
+        """The best near a frequency, Hz, or of a stage without one; of so many evaluations, from these numbers on."""
         from scipy.optimize import least_squares
 
         rate, early = self.rate, 2.0 if frequency is None else 2.0 + 0.2 * self.rate / frequency
@@ -164,10 +182,10 @@ class _Record:
 
         found = least_squares(
             lambda p: self.solve(model(p))[0],
-            starts,
+            starts if start is None else start,
             bounds=tuple(np.array(bounds).T),
             x_scale=[0.3, 0.5, 0.02, 0.3][: len(starts)],
-            max_nfev=50,
+            max_nfev=evaluations,
         )
         f, damping, delay, _ = model(found.x)
         rest, gain = self.solve(model(found.x))
@@ -175,7 +193,8 @@ class _Record:
         z[self.used] = self.z - rest
         left = 2 * float(found.cost)
         curvature = float(np.linalg.pinv(found.jac.T @ found.jac)[2, 2]) if frequency else 0.0
-        return _Fit(float(f), float(damping), float(delay), gain, z, left, curvature * left / self.z.size)
+        variance, converged = curvature * left / self.z.size, found.status > 0
+        return _Fit(float(f), float(damping), float(delay), gain, z, left, variance, found.x, converged)
 
     def candidates(self, onset: float) -> list[float]:
         """Frequencies of the ringing, Hz, and those that would look like them."""
