@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import loads
+from benchmarks import loads, unknown_loads
 from late import Late
 from scipy import optimize, signal
 
@@ -276,3 +276,12 @@ def test_a_feedback_of_other_dynamics_that_is_unstable_is_refused() -> None:
     assert replace(settings, dynamics=soft, feedback=True).feedback == design(soft, stroke=20.0)
     with pytest.raises(SettingError, match=r"^feedback = a Feedback of 7 filters: must be False without dynamics"):
         replace(settings, dynamics=None)
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize(("number", "before"), [(1016, 64.7), (4148, 50.8)])
+def test_a_first_slope_that_was_not_shown_does_not_make_the_loop_ring(number: int, before: float) -> None:
+    """Largest error over an unnamed load beside slow motion; `before`: with six times its gain the loop rang."""
+    _, largest, rms = unknown_loads.follow(number, "dynamics", fast=False, named=False)
+    assert largest < before / 20
+    assert rms < 0.1

@@ -15,6 +15,7 @@
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
 #define DRIVES 8                  /* and so many of them in a row drive the stage, */
 #define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
+#define SOFT ((ts_real)0.3)       /* of the slope of all plays: a first slope that is smaller was not shown */
 
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
@@ -317,6 +318,14 @@ static ts_real damp_ringing(ts_controller *c, ts_real error)
     return within(sum, -most, most);
 }
 
+/* The share of the feedback that is used. A small correction passes the slope of the first play alone, which a slow motion does not
+ * show: where it is far too small in the model, the loop has a gain far beyond its margins. */
+static ts_real share_of_feedback(const ts_controller *c)
+{
+    ts_real least = SOFT * c->slopes[c->settings->plays - 1];
+    return c->slopes[0] < least ? c->slopes[0] / least : 1;
+}
+
 /* One tick of the feedback, for the command after it. Its margins are those of the stage that was given: one that was found is damped. */
 static void feed_back(ts_controller *c, ts_real error)
 {
@@ -331,7 +340,7 @@ static void feed_back(ts_controller *c, ts_real error)
     ts_real sum = 0, kept = c->settings->dynamics.amplifier;
     if (waits) memset(b->state, 0, sizeof b->state);
     for (int i = 0; !waits && i < f->filters; i++) sum += pass_biquad(f->filter[i], b->state[i], error);
-    sum = within(sum, -f->most, f->most);
+    sum = within(share_of_feedback(c) * sum, -f->most, f->most);
     b->sum = kept > 0 ? sum + kept * (b->sum - sum) : sum; /* its margins are those behind the amplifier, whose lag the command undoes */
 }
 

@@ -30,6 +30,7 @@ LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
 DRIVES = 8  # and so many of them in a row drive the stage,
 SHRINKS = 0.75  # where the last one is not smaller than this times the first one
+SOFT = 0.3  # of the slope of all plays: a first slope that is smaller was not shown
 
 
 def measure(c: State, z: float) -> bool:
@@ -165,6 +166,16 @@ def damp_ringing(c: State, error: float) -> float:
     return total
 
 
+def share_of_feedback(c: State) -> float:
+    """The share of the feedback that is used.
+
+    A small correction passes the slope of the first play alone, which a slow motion does not show: where it is far too
+    small in the model, the loop has a gain far beyond its margins.
+    """
+    least = SOFT * float(c.slopes[-1])
+    return float(c.slopes[0]) / least if c.slopes[0] < least else 1.0
+
+
 def feed_back(c: State, error: float) -> None:
     """One tick of the feedback, for the command after it; error: desired less measured, um.
 
@@ -179,6 +190,7 @@ def feed_back(c: State, error: float) -> None:
     else:
         for coefficients, x in zip(c.members["feedback.filter"], c.feedback_states, strict=False):
             total += pass_biquad(coefficients, x, error)
+        total = share_of_feedback(c) * total
     total = min(max(total, -most), most)
     # its margins are those behind the amplifier, whose lag the command undoes
     c.feedback = total + kept * (c.feedback - total) if kept > 0 else total
