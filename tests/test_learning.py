@@ -1042,12 +1042,17 @@ def test_a_motion_that_takes_hours_is_refused_with_what_is_needed(options, words
     assert all(one in result.stderr for one in words), result.stderr
 
 
-def test_the_frequency_that_is_named_is_one_that_is_taken(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("frequency", "words"),
+    [("0.01", "take about 5.3 minutes."), ("0.1", "8 simulated passes of 50 s take about 32 s.")],
+    ids=["the lowest one that a refusal names", "faster"],
+)
+def test_what_takes_long_says_so_before_the_first_pass(frequency, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(StagePlant, "exchange", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    result = CliRunner().invoke(main, ["learn", "--frequency", "0.01"])
+    result = CliRunner().invoke(main, ["learn", "--frequency", frequency])
     assert result.exit_code == 130
-    assert "take about 5.3 minutes." in result.stderr
+    assert words in result.stderr
 
 
 def test_a_pass_that_does_not_fit_the_memory_is_refused(monkeypatch):
@@ -1060,13 +1065,7 @@ def test_a_pass_that_does_not_fit_the_memory_is_refused(monkeypatch):
         truestroke.learn(StagePlant(), wave, sample_rate=FS, voltage_limits=LIMITS, slew=2e4, stroke=35.0)
 
 
-def test_what_takes_long_says_so_before_the_first_pass_and_shows_how_far_it_is(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(StagePlant, "exchange", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    result = CliRunner().invoke(main, ["learn", "--frequency", "0.1"])
-    assert result.exit_code == 130
-    assert "8 simulated passes of 50 s take about 32 s." in result.stderr
-    monkeypatch.undo()
+def test_a_pass_shows_how_far_it_is(monkeypatch):
     monkeypatch.setattr("truestroke.runtime.learning.PART", 1000)
     wave, begun = raster(50.0), []
     limits = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "dynamics": dynamics(900.0, 0.02)}

@@ -133,9 +133,10 @@ static const ts_real *with_inertia(ts_controller *c, const ts_real *u, ts_real *
 /* The third pole of the law, as a share per tick; 0: it has none. With given dynamics it is as those of its filter. */
 static ts_real third_pole(const ts_controller *c)
 {
-    ts_real w = 2 * TS_PI * LATER * c->stage.resonance;
     if (is_given(c)) return c->law.kalman.filter;
-    return c->found.known && c->stage.before.growth.late > 0 ? w / (1 + w) : 0;
+    if (!c->found.known || !(c->stage.before.growth.late > 0)) return 0;
+    ts_real w = 2 * TS_PI * LATER * c->stage.resonance;
+    return w / (1 + w);
 }
 
 /* The regressor and what belongs to it behind this pole, which removes what is beyond the stage of the model. */

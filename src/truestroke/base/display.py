@@ -55,12 +55,12 @@ def as_html(title: str, rows: Rows) -> str:
     return f"<table><caption>{html.escape(title)}</caption>{body}</table>"
 
 
-def lasting(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """A duration in the unit that it is thought of in.
 
     Examples
     --------
-    >>> lasting(36.2), lasting(150.0), lasting(40_000.0), lasting(400_000.0)
+    >>> duration(36.2), duration(150.0), duration(40_000.0), duration(400_000.0)
     ('36 s', '2.5 minutes', '11 hours', '4.6 days')
     """
     for unit, least in (("days", 172_800.0), ("hours", 7200.0), ("minutes", 120.0)):

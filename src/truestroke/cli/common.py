@@ -454,7 +454,7 @@ def save_page(page: Page, file: Path, plots: Path | None) -> list[str]:
 def foretell(what: str, seconds: float, as_json: bool = False) -> None:
     """Before it begins, a line on stderr that says how long it takes, where that is long."""
     if seconds > LONG and not as_json:
-        print_text(f"{what} {display.lasting(seconds)}.", err=True)
+        print_text(f"{what} {display.duration(seconds)}.", err=True)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DEMO = {"voltage_limits": (-0.6, 3.6), "slew": 20_000.0, "safe_voltage": 0.0}
 DEMO_STROKE = 35.0  # um over the whole of these limits
-TICK = 8e-6  # s of a sample that is simulated
+SECONDS = 8e-6  # of a sample that is simulated
 LONGEST_SIMULATION = 600.0  # s
 LONGEST = 10_000_000  # samples of a repetition
 
@@ -132,19 +132,19 @@ def _expected(wave: truestroke.Trajectory, config: Path | None, options: dict[st
 
     passes = options["passes"]
     seconds, each = lasting(wave, passes=passes, settle=options["settle"], averaged=options["averaged"])
-    what = f"{passes} passes of {display.lasting(each)} take at most"
+    what = f"{passes} passes of {display.duration(each)} take at most"
     if config is None:
-        simulated = TICK * wave.sample_rate * seconds
+        simulated = SECONDS * wave.sample_rate * seconds
         if simulated > LONGEST_SIMULATION:
             frequency, times = options["frequency"], simulated / LONGEST_SIMULATION
             # of 1, 2, 5 and their tenfolds: a period that is a whole number of samples is repeated as it is
             decade = 10.0 ** math.floor(math.log10(times * frequency))
             enough = next(one * decade for one in (1, 2, 5, 10) if one * decade >= times * frequency)
             least = f"at least {enough:g} Hz in the simulation with {passes} passes"
-            takes = f"{display.lasting(seconds)} of motion take about {display.lasting(simulated)}"
+            takes = f"{display.duration(seconds)} of motion take about {display.duration(simulated)}"
             fewer = "; or fewer --passes, or a stage of yours by --config FILE"
             raise click.UsageError(f"--frequency {frequency:g} Hz: must be {least}, as {takes}{fewer}.")
-        seconds, what = simulated, f"{passes} simulated passes of {display.lasting(each)} take about"
+        seconds, what = simulated, f"{passes} simulated passes of {display.duration(each)} take about"
     return what, seconds
 
 

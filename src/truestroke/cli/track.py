@@ -11,7 +11,7 @@ import click
 import truestroke
 from truestroke.cli import common, results, waveforms
 
-TICK = 7e-6  # s of a tick that is simulated
+SECONDS = 7e-6  # of a tick that is simulated
 
 
 @click.command()
@@ -55,7 +55,7 @@ def track(output: str, plots: Path | None, as_json: bool, **options: Any) -> int
         controller = truestroke.RepetitiveController(controller, options["period"])
     if len(trajectory) < results.SHORTEST:
         raise click.UsageError(f"--trajectory: {len(trajectory)} ticks, a page needs at least {results.SHORTEST}.")
-    common.foretell(f"{len(trajectory):.3g} ticks take about", TICK * len(trajectory), as_json)
+    common.foretell(f"{len(trajectory):.3g} ticks take about", SECONDS * len(trajectory), as_json)
     recording = _run(trajectory, controller, plant, recording_file)
     recording.save(recording_file)
     return results.finish(recording, page_file, plots, as_json, recording_file)

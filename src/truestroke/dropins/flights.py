@@ -14,11 +14,10 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.dropins import motions
 from truestroke.model.dynamics import Dynamics
-from truestroke.signals.trajectories import Trajectory
+from truestroke.signals.trajectories import BYTES, Trajectory
 
 ALIKE = 1e-6  # relative: speeds that are one speed
 SHORTEST = 2  # ticks of a line
-TICK = 120.0  # bytes of memory of each
 
 
 @dataclass(frozen=True)
@@ -97,9 +96,9 @@ def flight(
     [5.5, 14.5, 14.5]
     """
     whole = sum(line.duration for line in scan)
-    if lacking := system.lacking(TICK * whole * sample_rate):
+    if lacking := system.lacking(BYTES * whole * sample_rate):
         each = whole / max(1, sum(line.points for line in scan))
-        most = system.free_memory() / (TICK * sample_rate)
+        most = system.free_memory() / (BYTES * sample_rate)
         bound = f"so short that all lines take at most {most:.3g} s, not {whole:.4g}: their ticks take {lacking}"
         raise SettingError("duration of a point", f"{each:g}", bound, "s")
     parts: list[Trajectory] = []

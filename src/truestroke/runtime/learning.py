@@ -52,7 +52,7 @@ PATIENCE = 2, 4  # passes in a row without an improvement, after which it ends: 
 CLOSE = 1.5  # times the noise: an error that is near it
 EASED = 0.5  # of the slew that a spring needs: with less no stage makes a motion well below its resonance
 LONGEST = 86_400.0  # s of all passes: the stage has changed meanwhile
-TICK = 400.0  # bytes of memory that a sample of a pass takes
+BYTES = 400.0  # of memory that a sample of a pass takes
 PART = 2**18  # samples of a simulated pass after which it is shown how far it is
 GAP = 0.5  # s between them in the record of the model
 BETTER = 0.95  # times the rmse of the best pass before: an improvement
@@ -224,11 +224,11 @@ def lasting(
     each = count * seconds
     faster = f"repeat it faster than its {frequency:.3g} Hz"
     if passes * each > LONGEST:
-        bound = f"at most a day in {passes} passes of {display.lasting(each)}: {faster}, or in fewer passes"
-        raise SettingError("duration of the motion", display.lasting(passes * each), bound)
-    if lacking := system.lacking(TICK * rate * each):
+        bound = f"at most a day in {passes} passes of {display.duration(each)}: {faster}, or in fewer passes"
+        raise SettingError("duration of the motion", display.duration(passes * each), bound)
+    if lacking := system.lacking(BYTES * rate * each):
         bound = f"less, as a pass of {rate * each:.3g} samples takes {lacking}: {faster}, or at a lower sample rate"
-        raise SettingError("duration of a pass", display.lasting(each), bound)
+        raise SettingError("duration of a pass", display.duration(each), bound)
     return passes * each, each
 
 

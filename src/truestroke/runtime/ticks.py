@@ -20,7 +20,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.signals.channels import Array
 from truestroke.signals.timing import Timing
 
-NEEDED = 220.0  # bytes of memory for a tick of an axis that is simulated and recorded
+BYTES = 220.0  # of memory for a tick of an axis that is simulated and recorded
 SLOW_PERIOD = 0.01  # s between two entries of the slow channels
 DESIRED = ("desired", "desired_velocity")
 SIMULATED = ("volts", "measured", "true", "innovation", "flags")
@@ -138,7 +138,7 @@ class TickRecorder:
 
 def require_memory(name: str, ticks: int, axes: int = 1) -> None:
     """SettingError where the recording of a simulation would not fit the memory."""
-    if lacking := system.lacking(NEEDED * ticks * axes):
-        most = f"at most {system.free_memory() / (NEEDED * axes):.3g}"
+    if lacking := system.lacking(BYTES * ticks * axes):
+        most = f"at most {system.free_memory() / (BYTES * axes):.3g}"
         bound = f"{most}: a recording of {ticks:.3g} takes {lacking}. Move for less time, or at a lower sample rate"
         raise SettingError(name, f"of {ticks} ticks", bound)

@@ -33,7 +33,7 @@ PART = 2**16  # ticks of a raster that are computed at a time
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion
 FEWEST_TICKS, MOST_TICKS = 2, 10**9  # of a motion
-TICK = 120.0  # bytes of memory that a tick of a motion takes while it is made
+BYTES = 120.0  # of memory that a tick of a motion takes while it is made
 LONGEST_TURNS = 0.99  # of the period of a raster
 ESTIMATED = "central differences of the velocity"
 """What `settings["acceleration"]` of a trajectory states where nobody gave its acceleration."""
@@ -214,8 +214,8 @@ def _ticks(duration: float, sample_rate: float, ramp: float = 0.0) -> FloatArray
         ends = " to ".join(f"{number / sample_rate:.6g}" for number in (FEWEST_TICKS, MOST_TICKS))
         bound = f"from {ends} s, {FEWEST_TICKS} to {MOST_TICKS} ticks of {sample_rate:g} Hz"
         raise SettingError("duration", duration, bound, "s")
-    if lacking := system.lacking(ticks * TICK):
-        most = f"at most {system.free_memory() / TICK / sample_rate:.3g} s at {sample_rate:g} Hz"
+    if lacking := system.lacking(ticks * BYTES):
+        most = f"at most {system.free_memory() / BYTES / sample_rate:.3g} s at {sample_rate:g} Hz"
         raise SettingError("duration", duration, f"{most}: {ticks:.3g} ticks take {lacking}", "s")
     return np.arange(ticks) / sample_rate
 

@@ -326,8 +326,10 @@ def third_pole(c: State, law: FilteringLaw) -> float:
     """The third pole of the law, as a share per tick; 0: it has none. With given dynamics that of its filter."""
     if c.is_given:
         return law.filter
+    if c.stage.growth is None or not c.stage.growth.late:
+        return 0.0
     w = 2 * math.pi * LATER * c.stage.resonance
-    return w / (1 + w) if c.stage.growth is not None and c.stage.growth.late else 0.0
+    return w / (1 + w)
 
 
 def behind_pole(c: State, u: FloatArray, y: float, pole: float, *, learn: bool) -> tuple[FloatArray, float]:
