@@ -15,7 +15,7 @@
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
 #define DRIVES 8                  /* and so many of them in a row drive the stage, */
 #define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
-#define SOFT ((ts_real)0.3)       /* of the slope of all plays: a first slope that is smaller was not shown */
+#define UNSURE 10                 /* times the variance of the first slope, for what it was learned from is not white */
 
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
@@ -319,12 +319,12 @@ static ts_real damp_ringing(ts_controller *c, ts_real error)
     return within(sum, -most, most);
 }
 
-/* The share of the feedback that is used. A small correction passes the slope of the first play alone, which a slow motion does not
- * show: where it is far too small in the model, the loop has a gain far beyond its margins. */
+/* The share of the feedback that is used, as cautious control has it: b^2 / (b^2 + P). A small correction passes the slope b of the first
+ * play alone, which a slow motion does not show: where it is far too small in the model, the loop has a gain far beyond its margins. */
 static ts_real share_of_feedback(const ts_controller *c)
 {
-    ts_real least = SOFT * c->slopes[c->settings->plays - 1];
-    return c->slopes[0] < least ? c->slopes[0] / least : 1;
+    ts_real square = c->slopes[0] * c->slopes[0];
+    return square / (square + UNSURE * c->law.kalman.P[0]);
 }
 
 /* One tick of the feedback, for the command after it. Its margins are those of the stage that was given: one that was found is damped. */

@@ -113,6 +113,9 @@ class FilteringLaw(Law, Protocol):
     def missing(self, weights: FloatArray | None = None) -> float:
         """What the weights, or these, miss of the filtered measurement, um; 0 where the filters have not started."""
 
+    def variance_of(self, place: int) -> float:
+        """Of the weight in this place, (um/V)^2."""
+
     def knowledge(self) -> tuple[FloatArray, float]:
         """Covariance, and noise in um: what `restore` takes."""
 
@@ -602,6 +605,10 @@ class BoundedKalman:
     def missing(self, weights: FloatArray | None = None) -> float:
         """What the weights, or these, miss of the filtered measurement, um; 0 where the filters have not started."""
         return self.y - float(dot(self.u, self.weights if weights is None else weights)) if self.started else 0.0
+
+    def variance_of(self, place: int) -> float:
+        """Of the weight in this place, (um/V)^2."""
+        return float(self.P[place, place])
 
     def knowledge(self) -> tuple[FloatArray, float]:
         """Covariance, and noise in um: what `restore` takes."""

@@ -30,7 +30,7 @@ LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
 DRIVES = 8  # and so many of them in a row drive the stage,
 SHRINKS = 0.75  # where the last one is not smaller than this times the first one
-SOFT = 0.3  # of the slope of all plays: a first slope that is smaller was not shown
+UNSURE = 10  # times the variance of the first slope, for what it was learned from is not white
 
 
 def measure(c: State, z: float) -> bool:
@@ -167,13 +167,14 @@ def damp_ringing(c: State, error: float) -> float:
 
 
 def share_of_feedback(c: State) -> float:
-    """The share of the feedback that is used.
+    """The share of the feedback that is used, as cautious control has it: b^2 / (b^2 + P).
 
-    A small correction passes the slope of the first play alone, which a slow motion does not show: where it is far too
-    small in the model, the loop has a gain far beyond its margins.
+    A small correction passes the slope b of the first play alone, which a slow motion does not show: where it is far
+    too small in the model, the loop has a gain far beyond its margins.
     """
-    least = SOFT * float(c.slopes[-1])
-    return float(c.slopes[0]) / least if c.slopes[0] < least else 1.0
+    square = float(c.slopes[0]) * float(c.slopes[0])
+    variance = 0.0 if c.filtering is None else c.filtering.variance_of(0)
+    return square / (square + UNSURE * variance)
 
 
 def feed_back(c: State, error: float) -> None:
