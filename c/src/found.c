@@ -355,7 +355,7 @@ static bool matters(const ts_controller *c)
     const ts_resonance *r = &c->resonance;
     if (!may_have_stage(c) || may_be_second(c)) return false;
     bool assumed = c->found.known && is_assumed(c);
-    bool bursts = !dynamics_of(c)->known && r->windows > 0 && r->power > burst_of(c);
+    bool bursts = !c->found.known && r->windows > 0 && r->power > burst_of(c);
     if (bursts && !(r->driven > DRIVEN)) return false;
     ts_real certain = c->stage.failed || dynamics_of(c)->known ? CERTAIN : CERTAIN_AT_FIRST;
     if (!(ts_resonance_suffices(r) || bursts) || (r->variance > certain * certain && !assumed)) return false;
@@ -373,7 +373,7 @@ static bool matters(const ts_controller *c)
         bool failing = g->held > 0 || g->wait > TS_FIRST_WAIT;
         ts_real away = r->known / c->settings->dynamics.first - 1, least = failing ? ELSEWHERE : ANOTHER;
         ts_real share = away > MAY_BE_SECOND - 1 ? OF_SECOND : DOUBT, large = share * ts_guard_range(g, &c->settings->guard);
-        if (!failing && c->stage.doubted < LASTS) return false;
+        if (!failing && !bursts && c->stage.doubted < LASTS) return false;
         return away * away > least * least && r->power > large * large && r->driven > DRIVEN_ALONE;
     }
     ts_real least = noisy(c), large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
@@ -465,7 +465,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     const ts_search search = {
         .range = good ? whole : 0,
         .highest = highest_first(c, staged),
-        .burst = staged ? 0 : burst_of(c),
+        .burst = c->found.known ? 0 : burst_of(c),
         .loudest = loudest_load(c, whole),
         .least = ts_power_of_hum(c),
         .noise = s->resonance > 0 ? 0 : c->law.kalman.sigma * c->law.kalman.sigma, /* where f0 is given windows begin about it */

@@ -335,7 +335,7 @@ def matters(c: State) -> bool:
     if law is None or not may_have_stage(c) or may_be_second(c):
         return False
     assumed = is_assumed(c)
-    bursts = c.path is None and known.windows > 0 and known.power > burst_of(c)
+    bursts = not stage.found and known.windows > 0 and known.power > burst_of(c)
     if bursts and not known.driven > DRIVEN:
         return False
     certain = CERTAIN if stage.failed or c.path is not None else CERTAIN_AT_FIRST
@@ -356,7 +356,7 @@ def matters(c: State) -> bool:
     if c.is_given:
         guard = c.kept.guard
         failing = guard.held > 0 or guard.wait > FIRST_WAIT
-        if not failing and stage.doubted < LASTS:
+        if not (failing or bursts) and stage.doubted < LASTS:
             return False
         away, least = known.known / c.members["dynamics.first"] - 1, ELSEWHERE if failing else ANOTHER
         large = (OF_SECOND if away > MAY_BE_SECOND - 1 else DOUBT) * guard.range
@@ -466,7 +466,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     guard = c.kept.guard
     good = guard.kept and path is None  # a stage that is wrong would lose what was learned
     span = guard.range if good and not c.members["dynamics.known"] else 0.0
-    most, burst = guard.range * guard.range, burst_of(c) if path is None else 0.0
+    most, burst = guard.range * guard.range, 0.0 if c.stage.found else burst_of(c)
     ends = path is None and c.estimator.ends(noisy(c, law), most)  # with a stage in the model weights may go with it
     expected = expected_of_plays(c) if ends else None
     noise = 0.0 if c.members["resonance"] > 0 else law.sigma * law.sigma  # where f0 is given windows begin about it
