@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks import wrong_dynamics
 from benchmarks.changing_motion import rise, tone
 from benchmarks.foreign_stages import Relays, travel
 from benchmarks.foreign_stages import Stage as OtherStructure
@@ -19,6 +20,7 @@ from truestroke.control.stage import MOST_DEAD, Stage, found
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals.judgement import judge
 from truestroke.signals.trajectories import sine
+from truestroke.studies.robustness.fast.sample import sample
 
 RATE, LIMITS = 5000.0, (-0.6, 3.6)
 AXIS = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": LIMITS, "slew_limit": 2e4}
@@ -56,6 +58,15 @@ def test_the_stage_that_the_measurements_show_takes_their_place(kind: str, times
     """
     controller, error = followed(kind, times)
     assert controller.resonance == pytest.approx(340.0, rel=0.05) or np.abs(error[2000:]).max() < 0.015 * 18.0
+
+
+@pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
+@pytest.mark.parametrize(("number", "before"), [(10, 138.0), (18, 72.1), (50, 114.0)])
+def test_a_burst_does_not_wait_for_eight_windows(number: int, before: float) -> None:
+    """f0 given twice as high: largest error after half a second, % of peak to peak, and `before` when it waited."""
+    rms, largest = wrong_dynamics.errors(sample(4242, number, ["measured"]), times=2.0)
+    assert largest < before / 50
+    assert rms < 0.1
 
 
 @pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
