@@ -340,6 +340,7 @@ def _array(
         rows = ", rows of one length" if max(allowed) > 1 else ""
         raise SettingError(argument, described(value), f"an array of numbers{rows}", unit) from None
     if result.ndim not in allowed:
-        axes = " or ".join(map(str, allowed)) + (" axis" if allowed == (1,) else " axes")
-        raise SettingError(argument, f"array of shape {result.shape}", f"an array with {axes}", unit)
+        kinds = {0: "a number", 1: "a row of numbers", 2: "a table of numbers, of rows and columns"}
+        words = " or ".join(kinds.get(one, f"an array with {one} axes") for one in allowed)
+        raise SettingError(argument, f"array of shape {result.shape}", words, unit)
     return result
