@@ -217,9 +217,13 @@ def online(runs: Runs, theme: Theme) -> Figure:
     both = (("alone", "controller alone", theme.series[1]), ("recording", "with the correction", theme["true"]))
     for name, words, colour in both:
         recording = runs[name]
-        error = np.where(recording["flat"] > 0, recording["true"] - recording["desired"], np.nan).reshape(-1, 200)
-        middle = recording["time"].reshape(-1, 200).mean(axis=1)
-        axes.semilogy(middle[1:], 1000 * np.nanstd(error[1:], axis=1), color=colour, lw=1.2, label=words)
+        counts, time, true, desired = (
+            recording[channel].reshape(-1, 200) for channel in ("flat", "time", "true", "desired")
+        )
+        periods = counts.any(axis=1)  # the ramp to the motion has none that counts
+        error = np.where(counts > 0, true - desired, np.nan)[periods]
+        middle = time[periods].mean(axis=1)
+        axes.semilogy(middle, 1000 * np.nanstd(error, axis=1), color=colour, lw=1.2, label=words)
     for i, batch in enumerate(runs["controller"].batches):
         words = "" if i else "a batch ends"
         axes.axvline(batch.tick / 10_000.0, color=theme["muted"], lw=0.7, ls=(0, (1, 2)), label=words)

@@ -12,9 +12,12 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from docs import pictures
 from forked import ran
 from printed import assert_prints
 from sybil import Sybil
@@ -23,6 +26,7 @@ from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipP
 
 import truestroke
 from truestroke.cli import main
+from truestroke.report.style import LIGHT
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -175,6 +179,20 @@ def test_every_page_is_reached_from_the_index() -> None:
     pages = [str(p.relative_to(ROOT / "docs")) for p in (ROOT / "docs").rglob("*.md")]
     pages.remove("site/index.md")  # the index of the site
     assert [p for p in pages if f"({p})" not in index and p != "README.md"] == []
+
+
+def test_a_picture_of_periods_leaves_out_those_without_a_sample_that_counts() -> None:
+    ticks = np.arange(2000.0)
+    ramp_first = {
+        "time": ticks / 1e4,
+        "flat": (ticks >= 600).astype(float),
+        "desired": 0.0 * ticks,
+        "true": 1e-3 * np.sin(2 * np.pi * ticks / 200),
+    }
+    runs = {"alone": ramp_first, "recording": ramp_first, "controller": SimpleNamespace(batches=[])}
+    line = pictures.online(runs, LIGHT).axes[0].lines[0]
+    assert len(line.get_xdata()) == 7
+    assert np.allclose(line.get_ydata(), 1 / np.sqrt(2))
 
 
 def test_version_is_one() -> None:

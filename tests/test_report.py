@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from docs.site import look
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
@@ -162,7 +163,7 @@ def test_the_page_is_well_formed_and_its_ids_are_unique(page: str) -> None:
     for target in re.findall(r'"#([^"]+)"|url\(#([^)]+)\)', marked):
         assert (target[0] or target[1]) in ids
     pictures = root.findall(".//{http://www.w3.org/2000/svg}svg")
-    assert len(pictures) == 6
+    assert len(pictures) == 8  # two of them twice: their panels are side by side, and on a phone are not
     for picture in pictures:
         assert picture[0].tag.endswith("title")
         assert picture[0].text
@@ -235,6 +236,87 @@ def test_a_picture_of_a_page_stands_where_matplotlib_saves_it() -> None:
     moved = figure()
     moved.set_layout_engine("none")
     assert svg(moved, "a", "a picture") != places
+
+
+def _side_by_side() -> matplotlib.figure.Figure:
+    """Two rows of three images of 20 x 10, with the labels of a row and a column where they stand once."""
+    with style.use(style.PAGE):
+        made, panels = style.panels(4.0, 2, 3, sharex=True, sharey=True)
+        for i, panel in enumerate(panels):
+            panel.imshow(np.random.Generator(np.random.PCG64(i)).random((10, 20)), interpolation="none")
+            panel.set_title("abcdef"[i])
+        panels[0].set_ylabel("y")
+        panels[3].set_ylabel("y")
+        for panel in panels[3:]:
+            panel.set_xlabel("x")
+    return made
+
+
+def test_on_a_phone_the_columns_of_panels_are_rows() -> None:
+    made = _side_by_side()
+    assert style.for_phone(made)
+    made.draw_without_rendering()
+    places = {axes.get_title(loc="left"): axes.get_position() for axes in made.axes}
+    for left, right in ("ad", "be", "cf"):
+        assert places[left].x1 < places[right].x0
+        assert places[left].y0 == pytest.approx(places[right].y0)
+    assert places["a"].y0 > places["b"].y1 > places["b"].y0 > places["c"].y1
+    assert made.get_size_inches()[0] == style.PHONE
+    assert 0.6 < places["a"].width * 2 < 1
+    assert 0.3 < places["a"].height * 3 < 1
+    assert [axes.get_ylabel() for axes in made.axes] == ["y", "y", "y", "", "", ""]
+    assert [axes.get_xlabel() for axes in made.axes] == ["", "", "x", "", "", "x"]
+    one, _ = style.panels(2.0, 2)
+    assert not style.for_phone(one)
+
+
+def test_a_panel_keeps_its_own_labels_on_a_phone() -> None:
+    with style.use(style.PAGE):
+        made, (left, right) = style.panels(2.0, 1, 2)
+        left.set(xlabel="frequency", ylabel="density")
+        right.set(xlabel="error", ylabel="share")
+        made.legend(*left.get_legend_handles_labels(), loc="upper left")
+    assert style.for_phone(made)
+    made.draw_without_rendering()
+    assert [(axes.get_xlabel(), axes.get_ylabel()) for axes in made.axes] == [
+        ("frequency", "density"),
+        ("error", "share"),
+    ]
+    assert left.get_position().y0 > right.get_position().y1
+    assert left.get_tightbbox().y1 < made.bbox.height - 0.2 * made.dpi  # type: ignore[union-attr]  # for the legend
+
+
+WHERE = """(svg) => {
+  const [frame, box] = [svg.getBoundingClientRect(), svg.viewBox.baseVal];
+  return Array.from(svg.querySelectorAll("image, use")).map((one) => one.getBoundingClientRect())
+    .filter((one) => one.width > 30)
+    .map((one) => [one.left - frame.left, one.top - frame.top, one.width, one.height])
+    .map((place) => place.map((x) => x * box.width / frame.width));
+}"""
+
+
+def test_a_page_has_pixels_once_and_a_phone_shows_them_in_their_places(tmp_path: Path) -> None:
+    file = tmp_path / "page.html"
+    Page(title="", lead="", sections=[Section(plot="a")], plots=lambda _: {"a": _side_by_side()}).save(file)
+    turned = _side_by_side()
+    svg(turned, "before", "")
+    style.for_phone(turned)
+    assert file.read_text().count("data:image/png") == 6
+    with look.chromium() as browser:
+        for width, name, figure in ((390, "a-phone", turned), (1280, "a", _side_by_side())):
+            page = browser.new_page(viewport={"width": width, "height": 844})
+            page.goto(file.as_uri())
+            seen = page.locator("figure svg:visible")
+            assert seen.get_attribute("aria-labelledby") == f"{name}-title"
+            assert not look.too_wide(page)
+            assert page.evaluate(
+                "Array.from(document.querySelectorAll('.scroll')).every(one => one.scrollWidth <= one.clientWidth)"
+            )
+            by_itself = re.findall(r"<image[^>]*matrix\(([^)]*)", svg(figure, "b", ""))
+            places = [[float(x) for x in one.split()] for one in by_itself]
+            expected = [[left, top, 20 * wide, 10 * high] for wide, _, _, high, left, top in places]
+            assert np.allclose(seen.evaluate(WHERE), expected, atol=0.1)
+            page.close()
 
 
 def test_panels_stand_where_matplotlib_puts_them_and_are_measured_again_only_where_labels_change(

@@ -124,7 +124,7 @@ def test_the_card_images_its_sample(card: Card, tmp_path: Path) -> None:
     run = truestroke.Recording.load(tmp_path / "scan-x.h5")
     assert run["height"].size == run["measured"].size
     assert np.isfinite(run["height"]).sum() == np.isfinite(run["measured"]).sum()
-    assert (tmp_path / "scan.html").read_text().count("<svg") == 4
+    assert (tmp_path / "scan.html").read_text().count("<svg") == 8  # four, and as a phone shows them
 
 
 @pytest.mark.usefixtures("each_picture_once", "forked_helpers")
@@ -220,6 +220,7 @@ def test_a_simulated_sample_is_read_where_it_truly_is() -> None:
         (("rate = 20.0", "rate = 20.0\nsample_rate = 4000.0"), "scan.sample_rate = 4000.0 Hz: must be 2000 Hz, that"),
         (("rate = 20.0", 'rate = 20.0\naxes = ["x", "z"]'), "scan.axes = ['x', 'z']: must be two of the axes: x, y"),
         (("rate = 20.0", "raet = 20.0"), "scan.raet = 20.0: must be left out; did you mean rate"),
+        (("rate = 20.0", "rate = 20.0\ncolums = 64"), "scan.colums = 64: must be left out; did you mean columns"),
         (("lines = 8", 'kind = "zigzag"'), "scan.kind = 'zigzag': must be one of raster, spiral, lissajous, cycloid"),
         (('name = "y"', 'name = "y"\ntrajectory = {kind = "sine"}'), "must be left out: [scan] moves this axis"),
         (('name = "y"', 'name = "y"\nsample_rate = 5000.0'), "2: sample_rate = 5000.0: must be in [driver]: all axes"),

@@ -32,6 +32,7 @@ def made(name, **others):
     return getattr(scans, name)(**usual[name] | others)
 
 
+SMALL = scans.raster(width=20.0, lines=4, rate=40.0, sample_rate=5000.0)
 EVERY = {
     "raster": made("raster"),
     "raster with dynamics": made("raster", turn=STAGE, settle=STAGE, over_scan=0.05),
@@ -240,7 +241,7 @@ def test_what_is_no_array_or_image_is_named():
     for call, message in (
         (lambda: scans.recorded(scan, x, y, "high"), "signal = 'high'.*: must be an array of numbers"),
         (lambda: scans.recorded(scan, x, y, x + 1j), "signal = .*: must be an array of real numbers"),  # of a lock-in
-        (lambda: scans.recorded(scan, [x, y], y, x), r"x = array of shape \(2, .* um: must be an array with 1 axis"),
+        (lambda: scans.recorded(scan, [x, y], y, x), r"x = array of shape \(2, .* um: must be a row of numbers"),
         (lambda: scans.images(scan, [[1.0], "a"]), "signal = .*: must be an array of numbers"),
         (lambda: scans.distortion(scan, x, "low", 64), "y = .*: must be an array of numbers"),
         (lambda: scans.shift(np.zeros((9, 9)), np.zeros((9, 9))), "reference = .* must be an Image"),
@@ -714,6 +715,23 @@ def test_resonances_that_are_none_are_named(resonances, words):
     scan = scans.raster(lines=4, rate=40.0, sample_rate=5000.0)
     with pytest.raises(SettingError, match=words):
         scans.recorded(scan, scan.x.position, scan.y.position, scan.x.position, columns=32, resonances=resonances)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: scans.spiral(diameter=1.0, pitch=20.0, rotation=100.0),
+            "pitch = 20.0 um: must be at most half of the",
+        ),
+        (lambda: scans.images(SMALL, np.zeros(len(SMALL.x)), unit=5), "unit = 5: must be a text"),
+        (lambda: scans.distortion(SMALL, SMALL.x.position, SMALL.y.position, "64"), "columns = '64': must be a number"),
+        (lambda: scans.Image(data=np.zeros(4), size=(1.0, 1.0)), r"shape \(4,\): must be a table of numbers"),
+    ],
+)
+def test_what_is_no_unit_pitch_table_or_number_of_columns_is_named(call, words):
+    with pytest.raises(SettingError, match=words):
+        call()
 
 
 @pytest.mark.parametrize(

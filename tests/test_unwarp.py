@@ -489,11 +489,11 @@ def test_the_second_of_two_files_is_the_retrace_whatever_its_name():
 
 def test_a_signal_that_is_not_one_of_the_file_is_named():
     images = [scans.Image(data=np.eye(2), size=(1.0, 1.0), name=name, unit="nm") for name in ("a", "b", "c")]
-    with pytest.raises(ImageError, match=r"3 images must be .* by `channel` take .* of 'a', 'b', 'c'"):
+    with pytest.raises(ImageError, match=r"3 images are not a trace, .* by `channel` take .* of 'a', 'b', 'c'"):
         by_direction(images)
-    with pytest.raises(ImageError, match="2 images must be"):
+    with pytest.raises(ImageError, match="2 images are not a trace"):
         by_direction([dataclasses.replace(image, name=f"{image.name} forward") for image in images[:2]])
-    with pytest.raises(ImageError, match="0 images of the channel 'height' must be"):
+    with pytest.raises(ImageError, match="there is no image whose name contains 'height'; there must be a trace,"):
         by_direction(images, channel="height")
 
 

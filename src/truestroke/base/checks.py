@@ -18,6 +18,7 @@ from truestroke.base.errors import TruestrokeError
 from truestroke.base.typing import FloatArray
 
 T = TypeVar("T")
+ALIKE = 0.65  # of two names, by difflib: width is no pitch
 
 
 class SettingError(TruestrokeError, ValueError):
@@ -68,6 +69,10 @@ def known(
         ...
     truestroke.SettingError: forgeting = 0.9: must be left out; did you mean forgetting? There are prior_return_time, \
 forgetting
+    >>> known({"width": 6.0}, ("pitch",))
+    Traceback (most recent call last):
+        ...
+    truestroke.SettingError: width = 6.0: must be left out; there are pitch
     >>> known({"stroke": 30.0}, ("file",), {"stroke": "in [[axis]]"})
     Traceback (most recent call last):
         ...
@@ -79,7 +84,7 @@ forgetting
             continue
         bound = elsewhere.get(name)
         if bound is None:
-            close = difflib.get_close_matches(str(name), names, 1)
+            close = difflib.get_close_matches(str(name), names, 1, ALIKE)
             words = f"did you mean {close[0]}? There" if close else "there"
             bound = f"left out; {words} are {', '.join(names) or 'none'}"
         raise SettingError(str(name), tabled(value), bound)
@@ -335,6 +340,7 @@ def _array(
         rows = ", rows of one length" if max(allowed) > 1 else ""
         raise SettingError(argument, described(value), f"an array of numbers{rows}", unit) from None
     if result.ndim not in allowed:
-        axes = " or ".join(map(str, allowed)) + (" axis" if allowed == (1,) else " axes")
-        raise SettingError(argument, f"array of shape {result.shape}", f"an array with {axes}", unit)
+        kinds = {0: "a number", 1: "a row of numbers", 2: "a table of numbers, of rows and columns"}
+        words = " or ".join(kinds.get(one, f"an array with {one} axes") for one in allowed)
+        raise SettingError(argument, f"array of shape {result.shape}", words, unit)
     return result

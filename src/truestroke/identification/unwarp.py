@@ -728,10 +728,11 @@ def by_direction(*files: Sequence[Image], channel: str | None = None) -> dict[st
     directions = [_direction(image.name) for image in chosen]
     if not 1 <= len(chosen) <= 2 or directions in (["trace"] * 2, ["retrace"] * 2):
         names = ", ".join(repr(image.name) for images in files for image in images)
-        of = "" if channel is None else f" of the channel {channel!r}"
+        with_part = "" if channel is None else f" whose name contains {channel!r}"
+        found = f"{len(chosen)} images{with_part} are" if chosen else f"there is no image{with_part}; there must be"
         raise ImageError(
-            f"{len(chosen)} images{of} must be a trace, or a trace and a retrace: by `channel` take those whose "
-            f"names have a part in common, of {names}"
+            f"{found}{' not' if chosen else ''} a trace, or a trace and a retrace: by `channel` take those whose names "
+            f"have a part in common, of {names}"
         )
     known = {"trace", "retrace"}.issuperset(directions)
     return dict(zip(directions if known else DIRECTIONS, chosen, strict=False))

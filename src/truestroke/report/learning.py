@@ -24,8 +24,8 @@ CAPTIONS = {
     ),
     "harmonics": (
         "Harmonics",
-        "Left: error of each harmonic that is learned, in the first and in the best pass; the dotted lines are the "
-        "resonances. Right: how often each error of the best pass occurs, where errors count.",
+        "Error of each harmonic that is learned, in the first and in the best pass; the dotted lines are the "
+        "resonances. Histogram: how often each error of the best pass occurs, where errors count.",
     ),
 }
 WORDS = {"good": "The motion is as desired.", "doubtful": "Read this before you use it.", "bad": "Do not use it."}

@@ -12,11 +12,13 @@ from xml.sax.saxutils import escape
 
 import jinja2
 import matplotlib
+import numpy as np
 from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from truestroke.base import checks, files
+from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.report import charts, style, units
 from truestroke.report.charts import Chart
@@ -24,6 +26,9 @@ from truestroke.report.style import Theme
 
 IN_SCRIPT = str.maketrans({"<": "\\u003c", "&": "\\u0026"})  # letters of HTML and XML inside JSON
 NARROW = 0.85  # of the standard width: a picture that is narrower is shown whole on a phone, others are as large there
+IMAGE = re.compile(
+    r'<image xlink:href="(?P<pixels>[^"]*)" id="(?P<id>[^"]*)"[^>]*transform="matrix\((?P<matrix>[^)]*)\)"[^>]*/>'
+)
 Plots = Callable[[Theme], Mapping[str, Figure]]
 """Makes all plots of a page, by name, in one theme."""
 
@@ -156,7 +161,7 @@ class Page:
         shown = [section for section in self.sections if not section.plot or section.plot in made]
         environment = jinja2.Environment(loader=jinja2.PackageLoader("truestroke.report"), autoescape=True)
         environment.filters |= {"typeset": typeset, "micro": units.micro}
-        svgs = {s.plot: svg(made[s.plot], s.plot, s.caption or s.heading) for s in shown if s.plot}
+        svgs = {s.plot: _svgs(made[s.plot], s.plot, s.caption or s.heading) for s in shown if s.plot}
         left = min(charts.BUDGET, max(charts.LEAST, charts.PAGE - sum(map(len, svgs.values()))))
         each = left // max(1, sum(section.chart is not None for section in shown))
         environment.filters["chart"] = lambda chart: Markup(json.dumps(chart.encoded(each)).translate(IN_SCRIPT))
@@ -226,6 +231,31 @@ def svg(figure: Figure, name: str, description: str) -> str:
         f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(units.micro(description))}</title>'
     )
     return re.sub(r"<svg[^>]*>", lambda _: opening, text, count=1)
+
+
+def _svgs(figure: Figure, name: str, description: str) -> str:
+    """The figure as on a page and, where a phone needs another, as there; the style sheet shows one of them.
+
+    The pixels of an image are there once.
+    """
+    wide = svg(figure, name, description)
+    if not style.for_phone(figure):
+        return wide
+    firsts = {image["pixels"]: image for image in IMAGE.finditer(wide)}
+
+    def again(image: re.Match[str]) -> str:
+        first = firsts.get(image["pixels"])
+        if first is None:
+            return image[0]
+        (xx, yx, xy, yy, x, y) = (_matrix(image) @ np.linalg.inv(_matrix(first)))[:2].T.ravel()
+        return f'<use xlink:href="#{first["id"]}" transform="matrix({xx:g} {yx:g} {xy:g} {yy:g} {x:.6f} {y:.6f})"/>'
+
+    return wide + IMAGE.sub(again, svg(figure, f"{name}-phone", description))
+
+
+def _matrix(image: re.Match[str]) -> FloatArray:
+    """Where an image is: its matrix, of shape (3, 3)."""
+    return np.vstack([np.reshape([float(x) for x in image["matrix"].split()], (3, 2)).T, [0.0, 0.0, 1.0]])
 
 
 def _scripts() -> dict[str, Markup]:

@@ -1,6 +1,6 @@
 """One look for all pictures: Okabe-Ito colours, a light and a dark theme, thinning of long lines."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.transforms import Bbox, BboxBase
 
@@ -18,6 +19,9 @@ from truestroke.base import files
 from truestroke.base.typing import FloatArray
 
 WIDTH = 7.0  # in, two columns of a journal
+PHONE = 3.3  # in: letters of 8 points are 12 pixels high on a phone
+BESIDE, ABOVE = 0.55, 0.35  # in: what the labels of images take of the width of such a picture, of the height of a row
+LEGEND, BAR = 0.25, 0.5  # in: height of a legend of such a picture, width of a scale of colours
 DPI, VECTOR_DPI = 200, 72  # of images; of SVG and PDF
 COLUMNS = 900  # pixel columns of a panel, for thinning
 ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm", "wrong")
@@ -130,8 +134,8 @@ class Places(ConstrainedLayoutEngine):
     Where the labels of a panel's ticks have remained, so have its margins, and what was found is taken again.
     """
 
-    def __init__(self, w_pad: float = 0.06) -> None:
-        super().__init__(h_pad=0.07, w_pad=w_pad)
+    def __init__(self, w_pad: float = 0.06, rect: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)) -> None:
+        super().__init__(h_pad=0.07, w_pad=w_pad, rect=rect)
 
     def execute(self, figure: Figure) -> None:
         """Give the panels of the figure their places."""
@@ -200,6 +204,63 @@ def panels(
     if edges:
         figure.subplots_adjust(**edges)
     return figure, list(np.ravel(figure.subplots(rows, columns, **options)))
+
+
+def for_phone(figure: Figure) -> bool:
+    """Make a figure with images, or with more columns of panels than rows, as wide as a phone; False for another one.
+
+    Columns become rows where there are more of them. A label that stood once for a row or a column stands there again.
+    """
+    panels = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
+    places = panels[0].get_gridspec() if panels else None
+    if places is None or len(panels) != places.nrows * places.ncols:
+        return False
+    was: Any = np.array(panels, dtype=object).reshape(places.nrows, places.ncols)
+    turned = places.ncols > places.nrows
+    if not turned and all(axes.get_aspect() == "auto" for axes in panels):
+        return False
+    across, along = [axes.get_xlabel() for axes in was[-1]], [axes.get_ylabel() for axes in was[:, 0]]
+    grid = was.T if turned else was
+    width = (PHONE - BESIDE - BAR * (len(figure.axes) > len(panels))) / grid.shape[1]
+    heights = [max(_height(axes, width, figure.get_figheight() / places.nrows) for axes in row) for row in grid]
+    made = GridSpec(grid.shape[0], grid.shape[1], figure=figure, height_ratios=heights)
+    for j, i in np.ndindex(grid.shape):
+        axes = grid[j, i]
+        axes.set_subplotspec(made[j, i])
+        lowest = j == len(grid) - 1 or not axes.get_shared_x_axes().joined(axes, grid[-1, i])
+        first = i == 0 or not axes.get_shared_y_axes().joined(axes, grid[j, 0])
+        axes.tick_params(labelbottom=lowest, labelleft=first)
+        axes.set_xlabel((axes.get_xlabel() or across[j if turned else i]) if lowest else "")
+        axes.set_ylabel((axes.get_ylabel() or along[i if turned else j]) if first else "")
+    _raise_legend(figure, panels)
+    legends = LEGEND * len(figure.legends)
+    figure.set_size_inches(PHONE, sum(heights) + legends)
+    engine = Places(rect=(0.0, 0.0, 1.0, 1.0 - legends / figure.get_figheight()))
+    engine.execute(figure)  # another one is made in the end: the labels of larger images are wider
+    figure.set_layout_engine(engine)
+    return True
+
+
+def _raise_legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """A legend above a panel goes to the top of the figure: a narrow panel is too small for its title and a legend."""
+    for axes in panels:
+        legend = axes.get_legend()
+        if legend and axes.transAxes.inverted().transform(legend.get_bbox_to_anchor().p0)[1] > 0.9:
+            entries, colour = axes.get_legend_handles_labels(), legend.get_texts()[0].get_color()
+            figure.legend(
+                *entries, ncols=len(entries[0]), frameon=False, fontsize=8, labelcolor=colour, handlelength=1.2
+            )
+            legend.remove()
+            break
+    for legend in figure.legends:
+        legend.set_loc("upper left")
+        legend.set_bbox_to_anchor((0.0, 1.0), figure.transFigure)
+
+
+def _height(axes: Axes, width: float, usual: float) -> float:
+    """In, with its labels: of an image that is so wide; of another panel as it was."""
+    form = axes.get_aspect()
+    return usual if form == "auto" else ABOVE + width * axes.get_data_ratio() * float(form)
 
 
 def zero(axes: Axes, theme: Theme) -> None:

@@ -41,8 +41,8 @@ REMARKS = {
 HAPPENED = {flag.name: flag.words for flag in FLAGS} | {"missing": "had no measurement"}
 
 MADE_OF = (
-    "Left: how much of the error{part} each frequency has; a peak is what repeats, such as the motion, a resonance "
-    "or the mains. Right: how often each error occurs; noise alone is a bell."
+    "Spectrum: how much of the error{part} each frequency has; a peak is what repeats, such as the motion, a resonance "
+    "or the mains. Histogram: how often each error occurs; noise alone is a bell."
 )
 CAPTIONS = {
     "tracking": (

@@ -18,9 +18,9 @@ from truestroke.report.units import length
 CAPTIONS = {
     "loop": (
         "Hysteresis loop",
-        "Displacement over voltage in the held-out part of the record, measured and predicted. On "
-        "the right the straight line is taken away, so that the loops open: look for places where the thin line "
-        "leaves the wide one.",
+        "Displacement over voltage in the held-out part of the record, measured and predicted: as "
+        "it is, and without the straight line, so that the loops open. Look for places where the thin line leaves "
+        "the wide one.",
     ),
     "residual": (
         "Residual",

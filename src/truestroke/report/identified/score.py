@@ -21,8 +21,8 @@ from truestroke.report.units import length
 CAPTIONS = {
     "loop": (
         "Hysteresis loop",
-        "Displacement over voltage, measured and predicted with the offset of this record. On the right the straight "
-        "line is taken away, so that the loops open.",
+        "Displacement over voltage, measured and predicted with the offset of this record: as it is, and without "
+        "the straight line, so that the loops open.",
     ),
     "error": (
         "Error",

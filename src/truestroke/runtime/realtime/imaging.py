@@ -79,16 +79,15 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     SettingError
         Names the key, its value, the bound and the unit.
     """
-    own = {field.name for field in dataclasses.fields(ScanTable)}
+    own = tuple(field.name for field in dataclasses.fields(ScanTable))
     table = toml.decode(ScanTable, {key: entry for key, entry in given.items() if key in own})
     if len(names) < 2:
         raise SettingError("axes", list(names), "two axes, for a scan moves two: add a second table [[axis]]")
     moving = table.axes or tuple(names[:2])
     if len(moving) != 2 or len(set(moving)) < 2 or not set(moving) <= set(names):
         raise SettingError("axes", list(moving), f"two of the axes: {', '.join(names)}")
-    rest = {key: entry for key, entry in given.items() if key not in own - {"kind"}}
     usual = {"sample_rate": rate, "lead_out": max(_until_measured(driver) / rate, LEAD_OUT)}
-    made: Scan = toml.decode(SCANS[table.kind], usual | rest, also=("kind",))
+    made: Scan = toml.decode(SCANS[table.kind], usual | dict(given), also=own)
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
     asked = checks.count("columns", table.columns, LEAST, 10**5)

@@ -83,6 +83,8 @@ class Image(Displayed):
         object.__setattr__(self, "data", data)
         for name, value in zip(("width", "height"), self.size, strict=True):
             checks.positive(name, value, "um")
+        for name in ("name", "unit"):
+            checks.instance(name, getattr(self, name), str, "a text, in quotes")
 
     @property
     def pixel(self) -> tuple[float, float]:
@@ -401,6 +403,7 @@ def distortion(scan: Scan, x: npt.ArrayLike, y: npt.ArrayLike, columns: int = 51
     """
     if scan.name not in ALONG:
         raise SettingError("scan", f"a {scan.name}", "a raster, whose lines are rows")
+    columns = checks.count("columns", columns, 1, 10**6)
     pixel = scan.size[0] / columns, scan.size[1] / (int(scan.lines["row"].max()) + 1)
     errors = []
     for name, axis, true, one in zip("xy", scan.axes, (x, y), pixel, strict=True):

@@ -255,7 +255,9 @@ def spiral(
         raise SettingError("turns", turns, "left out with `pitch`, which sets their number")
     number = 256 if turns is None else checks.count("turns", turns, 1, 10**6)
     if pitch is not None:
-        number = checks.count("pitch: turns", math.ceil(diameter / 2 / checks.positive("pitch", pitch, "um")), 1, 10**6)
+        if checks.positive("pitch", pitch, "um") > diameter / 2:
+            raise SettingError("pitch", pitch, f"at most half of the diameter, {diameter / 2:g} um", "um")
+        number = checks.count("pitch: turns", math.ceil(diameter / 2 / pitch), 1, 10**6)
     step = diameter / 2 / number
     sample_rate = checks.positive("sample_rate", sample_rate, "Hz")
     rotation = trajectories.below_nyquist("rotation", rotation, sample_rate)

@@ -16,6 +16,7 @@ from truestroke.studies.compare.rivals import Rival
 from truestroke.studies.compare.table import Row, judge
 
 SECONDS = 1.0  # of the end of a run that is plotted
+DECADES, TICKS = 100.0, 20  # of errors, from which on only powers of ten have labels; labels, at most
 CAPTIONS = {
     "errors": (
         "Errors",
@@ -82,7 +83,8 @@ def errors(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             panel.plot(largest, places, "D", color=theme["before"], ms=5, label="maximum", zorder=3)
             style.logarithmic(panel, "x")
             panel.set(title=wave, xlabel="error (nm)")
-            panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+            wide = panel.get_xlim()[1] > DECADES * panel.get_xlim()[0]
+            panel.xaxis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 3), numticks=TICKS))
             panel.grid(axis="y", visible=False)
         panels[0].set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
         style.legend_above(panels[-1])

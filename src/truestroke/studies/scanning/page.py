@@ -18,7 +18,7 @@ EDGES = {"left": 0.09, "right": 0.99, "wspace": 0.1}  # of the panels
 CAPTIONS = {
     "grating": (
         "A calibration grating",
-        "Square pits in straight rows, 3 um apart. Above the trace, below the retrace of the same rows.",
+        "Square pits in straight rows, 3 um apart: the trace and the retrace of the same rows.",
     ),
     "texture": (
         "Trace and retrace, laid over one another",
@@ -124,7 +124,7 @@ def _error(one: Imaged) -> FloatArray:
 
 
 def grating(found: Scanned, theme: Theme = LIGHT) -> Figure:
-    """Trace above, retrace below, a column for each controller."""
+    """Trace and retrace below it, a column for each controller."""
     with style.use(theme):
         edges = {**EDGES, "bottom": 0.09, "top": 0.95, "hspace": 0.12}
         figure, panels = style.panels(5.1, 2, len(found.imaged), edges=edges, sharex=True, sharey=True)
