@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -32,7 +33,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
-every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+EXAMPLES = [page for page in PAGES if re.search(r"^ *```(python|console|text)", page.read_text(), re.MULTILINE)]
 
 
 def prose(page: Path) -> str:
@@ -98,7 +99,7 @@ def run_page(page: Path, folder: Path) -> None:
         printed, end = output.getvalue(), example.region.end if block.startswith("```python") else -1
 
 
-@every_page
+@pytest.mark.parametrize("page", EXAMPLES, ids=lambda page: str(page.relative_to(ROOT)))
 @pytest.mark.filterwarnings("default::truestroke.ModelWarning")  # a reader of a page sees it, and goes on
 @pytest.mark.usefixtures("each_picture_once", "no_waiting")
 def test_examples_run_and_print_what_the_page_says(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,21 +127,26 @@ def test_a_wrong_example_is_found(block: str, tmp_path: Path) -> None:
 # ---- Links, citations, equations, names -----------------------------------------------------------------------------
 
 
+@cache
 def anchors(page: Path) -> set[str]:
     """The anchors that GitHub makes of the headings."""
     headings = re.findall(r"^#+ (.+?)\s*$", prose(page), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@every_page
-def test_relative_links_and_anchors_resolve(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
-        if re.match(r"[a-z]+:", target):
-            continue
-        path, _, anchor = target.partition("#")
-        linked = (page.parent / path).resolve() if path else page
-        assert linked.exists(), f"{target}: there is no {linked}"
-        assert not anchor or anchor in anchors(linked), f"{target}: {linked.name} has {sorted(anchors(linked))}"
+def test_relative_links_and_anchors_resolve() -> None:
+    wrong = []
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+            if re.match(r"[a-z]+:", target):
+                continue
+            path, _, anchor = target.partition("#")
+            linked = (page.parent / path).resolve() if path else page
+            if not linked.exists():
+                wrong.append(f"{page.name}: {target}: there is no {linked}")
+            elif anchor and anchor not in anchors(linked):
+                wrong.append(f"{page.name}: {target}: {linked.name} has {sorted(anchors(linked))}")
+    assert wrong == []
 
 
 def test_citations_and_bibliography_match() -> None:
@@ -155,23 +161,28 @@ def test_theory_states_every_equation_in_order() -> None:
     assert tags == list(range(1, 24))
 
 
-@every_page
-def test_mathematics_survives_github(page: Path) -> None:
+def test_mathematics_survives_github() -> None:
     """Between single dollars GitHub takes a backslash before punctuation for an escape, in tables a | for a border."""
-    for line in prose(page).splitlines():
-        for formula in re.findall(r"\$([^$\s](?:[^$]*[^$\s])?)\$", re.sub(r"`[^`]*`", "", line)):
-            assert not re.search(r"\\[!-/:-@\[-`{-~]", formula), formula
-            assert not (line.startswith("|") and "|" in formula), formula
+    wrong = [
+        f"{page.name}: {formula}"
+        for page in PAGES
+        for line in prose(page).splitlines()
+        for formula in re.findall(r"\$([^$\s](?:[^$]*[^$\s])?)\$", re.sub(r"`[^`]*`", "", line))
+        if re.search(r"\\[!-/:-@\[-`{-~]", formula) or (line.startswith("|") and "|" in formula)
+    ]
+    assert wrong == []
 
 
-@every_page
-def test_code_that_a_page_names_exists(page: Path) -> None:
+def test_code_that_a_page_names_exists() -> None:
     """As in `models.py:play_inverse` and `c/src/rls.c:ts_rls_update`."""
-    for path, name in re.findall(r"`([\w/]+\.(?:py|c|h)):(\w+)`", page.read_text()):
-        file = next((f for f in (ROOT / path, ROOT / "src/truestroke" / path) if f.exists()), None)
-        assert file, f"{page.name} names {path}"
-        definition = rf"^\s*(?:def|class) {name}\b" if path.endswith(".py") else rf"^[\w ]+[\s*]{name}\("
-        assert re.search(definition, file.read_text(), flags=re.MULTILINE), f"{path} does not define {name}"
+    wrong = []
+    for page in PAGES:
+        for path, name in re.findall(r"`([\w/]+\.(?:py|c|h)):(\w+)`", page.read_text()):
+            file = next((f for f in (ROOT / path, ROOT / "src/truestroke" / path) if f.exists()), None)
+            definition = rf"^\s*(?:def|class) {name}\b" if path.endswith(".py") else rf"^[\w ]+[\s*]{name}\("
+            if not (file and re.search(definition, file.read_text(), flags=re.MULTILINE)):
+                wrong.append(f"{page.name}: {path} does not define {name}")
+    assert wrong == []
 
 
 def test_every_page_is_reached_from_the_index() -> None:

@@ -5,7 +5,7 @@ import pytest
 from benchmarks import foreign_records as foreign
 from benchmarks import unseen_records
 
-from truestroke import SettingError
+from truestroke import SettingError, _kernel
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.explored import Explored, places, spread
 from truestroke.identification import identify, load_model, save_model, score
@@ -170,6 +170,13 @@ def test_the_places_of_a_record_are_few_and_near_all_of_it():
     assert np.ptp(few[:, 0]) == pytest.approx(np.ptp(at[:, 0]), abs=0.01)
     some = np.random.Generator(np.random.PCG64(2)).permutation(at)[:300]
     assert away.max() < Explored(some, 0.0).distance(at).max()
+
+
+def test_each_place_is_the_farthest_from_those_before_it():
+    """The first and the last, then 5 from the first, then 4 from the last."""
+    chosen = np.empty(4, np.int64)
+    _kernel.farthest(np.array([[0.0, 3.0, 6.0, 10.0], [0.0, 4.0, 0.0, 0.0]]), chosen)
+    assert chosen.tolist() == [0, 3, 1, 2]
 
 
 def test_what_an_inverse_costs_is_in_the_interval():

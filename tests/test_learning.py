@@ -1036,6 +1036,7 @@ def test_what_was_learned_before_is_kept_under_another_name_unless_it_may_be_rep
 def test_a_motion_that_takes_hours_is_refused_with_what_is_needed(options, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(StagePlant, "exchange", lambda *_: pytest.fail("it was driven"))
+    monkeypatch.setattr("truestroke.signals.trajectories.by_parts", lambda *_: pytest.fail("it was made"))
     monkeypatch.setattr("truestroke.base.system.free_memory", lambda: 1e12)
     result = CliRunner().invoke(main, ["learn", *options])
     assert result.exit_code == 2

@@ -27,6 +27,7 @@ from truestroke.model.models import (
     play_terms,
 )
 from truestroke.model.operators import dead_zone, play, play_history
+from truestroke.model.sampled import creep_states
 
 VECTORS = Path(__file__).parent / "vectors"
 FORWARD = json.loads((VECTORS / "forward.json").read_text())
@@ -190,6 +191,16 @@ def test_creep_states_are_the_step_response_of_a_first_order_lag() -> None:
     for tick in range(1, 400):
         c = creep_step(c, 1.0, 1 - np.exp(-T / tau))
         np.testing.assert_allclose(c, 1 - np.exp(-tick * T / tau), rtol=1e-12)
+
+
+def test_creep_states_of_a_record_are_those_of_its_ticks_from_rest_at_its_first_voltage() -> None:
+    x = 3.0 + np.random.default_rng(0).normal(size=300)
+    c, expected = np.full(2, x[0]), []
+    for volts in [x[0], *x[:-1]]:
+        c = creep_step(c, volts, 1 - np.exp(-1 / 2000.0 / np.array([0.003, 0.3])))
+        expected.append(c)
+    np.testing.assert_allclose(creep_states(x, (0.003, 0.3), 2000.0), np.transpose(expected), rtol=1e-12)
+    assert creep_states(x, (), 2000.0) == []
 
 
 @quick

@@ -984,6 +984,7 @@ void require_lengths(bool equal) {
 
 using Rows = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Places = nb::ndarray<int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 // Plays (1) along x; every `every`-th row is kept, from the first. y holds the states before, then behind.
 void play_history(Vector<double> x, Vector<double> r, Output y, size_t every, Rows rows) {
@@ -1102,6 +1103,41 @@ void duhem_states(Vector<double> s, Vector<double> betas, double half, size_t ev
     }
 }
 
+// Creep states along x, a row for each share of the distance to x of the tick before: at rest at the first x.
+void creep_rows(Vector<double> x, Vector<double> shares, Rows rows) {
+    const size_t ticks = x.shape(0), n = shares.shape(0);
+    require_lengths(rows.shape(0) == n && rows.shape(1) == ticks);
+    std::vector<double> carried(n, 0.0);
+    nb::gil_scoped_release release;
+    for (size_t k = 0; k < ticks; k++) {
+        const double first = x.data()[0], u = x.data()[k > 0 ? k - 1 : 0] - first;
+        for (size_t j = 0; j < n; j++) {
+            const double c = shares.data()[j], y = carried[j] + c * u;
+            carried[j] = -y * (c - 1.0);
+            rows.data()[j * ticks + k] = first + y;
+        }
+    }
+}
+
+// Points (a column each), each the one farthest from those before it; the first two are the first and the last column.
+void farthest(Columns points, Places chosen) {
+    const size_t n = points.shape(1), count = chosen.shape(0);
+    require_lengths(count > 1 && n >= count);
+    std::vector<double> near(n, HUGE_VAL), away(n);
+    nb::gil_scoped_release release;
+    for (size_t c = 0, next = 0; c < count; c++) {
+        chosen.data()[c] = static_cast<int64_t>(next);
+        std::fill(away.begin(), away.end(), 0.0);
+        for (size_t j = 0; j < points.shape(0); j++) {
+            const double *row = points.data() + j * n, at = row[next];
+            for (size_t i = 0; i < n; i++) away[i] += (row[i] - at) * (row[i] - at);
+        }
+        for (size_t i = 0; i < n; i++) near[i] = std::min(near[i], away[i]);
+        const auto top = std::max_element(near.begin(), near.end());
+        next = c == 0 ? n - 1 : static_cast<size_t>(top - near.begin());
+    }
+}
+
 // (a + rate b).H_r[x] along x.
 void play_sum(Vector<double> x, Vector<double> rate, Vector<double> a, Vector<double> b, Vector<double> r, Output y,
               Output sums) {
@@ -1172,6 +1208,8 @@ MODULE(TS_MODULE, m) {
           "rows"_a);
     m.def("displacement", &displacement, "plays"_a, "known"_a, "weights"_a, "asymmetry"_a, "stroke"_a, "z"_a);
     m.def("duhem_states", &duhem_states, "s"_a, "betas"_a, "half"_a, "every"_a, "rows"_a);
+    m.def("creep_rows", &creep_rows, "x"_a, "shares"_a, "rows"_a);
+    m.def("farthest", &farthest, "points"_a, "chosen"_a);
     m.def("play_sum", &play_sum, "x"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "sums"_a);
     m.def("play_invert", &play_invert, "y_d"_a, "rate"_a, "a"_a, "b"_a, "r"_a, "y"_a, "x"_a);
     nb::class_<Kernel> kernel(m, "Kernel");

@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
+from functools import cache, wraps
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -24,11 +27,10 @@ class _OneThread:
 
     def __enter__(self) -> None:
         import scipy.linalg  # noqa: F401, its BLAS is not that of NumPy
-        from threadpoolctl import threadpool_limits
 
         with self._lock:
             if not self._inside:
-                self._limits.enter_context(threadpool_limits(limits=1, user_api="blas"))
+                self._limits.enter_context(_libraries().limit(limits=1, user_api="blas"))
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
@@ -36,6 +38,14 @@ class _OneThread:
             self._inside -= 1
             if not self._inside:
                 self._limits.close()
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Those of this process, looked for once: that takes longer than a small fit."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 one_blas_thread = _OneThread()

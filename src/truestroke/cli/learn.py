@@ -74,13 +74,13 @@ def learn(
     driver, limits, rate, given = _driven(config, options)
     if options["offset"] is None:
         options["offset"] = _middle(limits, options["peak_to_peak"])
+    expected = _expected(rate, config, options)
     wave = _wave(motion, rate, options)
     given |= {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
     if options["dynamics"] is not None:
         given["dynamics"] = waveforms.dynamics_of(options["dynamics"], rate)
     if options["model"] is not None:
         given["model"] = truestroke.usable_model(options["model"], force=options["force"])
-    expected = _expected(wave, config, options)
     shown = _watched(driver, config, limits, rate) if live and config else nullcontext(driver)
     try:
         with shown as driver:
@@ -126,15 +126,17 @@ def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Traje
     return made
 
 
-def _expected(wave: truestroke.Trajectory, config: Path | None, options: dict[str, Any]) -> tuple[str, float]:
+def _expected(rate: float, config: Path | None, options: dict[str, Any]) -> tuple[str, float]:
     """How long all passes take: words, and s; a UsageError for a simulation of more than minutes."""
-    from truestroke.runtime.learning import lasting
+    from truestroke.control.repeating.iterative import repetition
+    from truestroke.runtime.learning import lasting_of
 
-    passes = options["passes"]
-    seconds, each = lasting(wave, passes=passes, settle=options["settle"], averaged=options["averaged"])
+    passes, given = options["passes"], {key: options[key] for key in ("passes", "settle", "averaged")}
+    _long(rate, options)  # before it: a period that does not fit the memory
+    seconds, each = lasting_of(*repetition(rate, options["frequency"]), rate, **given)
     what = f"{passes} passes of {display.duration(each)} take at most"
     if config is None:
-        simulated = SECONDS * wave.sample_rate * seconds
+        simulated = SECONDS * rate * seconds
         if simulated > LONGEST_SIMULATION:
             frequency, times = options["frequency"], simulated / LONGEST_SIMULATION
             # of 1, 2, 5 and their tenfolds: a period that is a whole number of samples is repeated as it is

@@ -107,9 +107,6 @@ def spread(rows: FloatArray) -> FloatArray:
     few = np.unique(rows[:: -(-len(rows) // ROWS)].round(DIGIT), axis=0)
     if len(few) <= PLACES:
         return np.asarray(few)
-    columns = np.ascontiguousarray(few.T)  # to sum columns takes half of summing rows
-    chosen, near = [0, len(few) - 1], np.sum((columns - columns[:, :1]) ** 2, axis=0)
-    while len(chosen) < PLACES:
-        near = np.minimum(near, np.sum((columns - columns[:, chosen[-1:]]) ** 2, axis=0))
-        chosen.append(int(near.argmax()))
+    chosen = np.empty(PLACES, np.int64)
+    _kernel.farthest(np.ascontiguousarray(few.T), chosen)
     return np.asarray(few[np.sort(chosen)])

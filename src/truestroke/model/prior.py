@@ -8,6 +8,7 @@ terms are in `layout.TERMS`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,13 +41,20 @@ def thresholds(plays: int, voltage_range: float) -> tuple[float, ...]:
     >>> [round(r, 4) for r in thresholds(12, 4.2)]
     [0.0, 0.0234, 0.0469, 0.0938, 0.1875, 0.2812, 0.375, 0.5625, 0.75, 0.9375, 1.125, 1.3125]
     """
+    return tuple((_even_and_halved(plays) / min(plays, EVEN) * REACH * voltage_range).tolist())
+
+
+@lru_cache(maxsize=64)
+def _even_and_halved(plays: int) -> FloatArray:
+    """In units of the distance of the even ones."""
     even = min(plays, EVEN)
-    r = np.arange(even, dtype=float)  # in units of the even distance
+    r = np.arange(even, dtype=float)
     while r.size < plays:
         widths = np.diff(r, append=even)
         widest = int(np.argmax(widths / (np.minimum(r, FAR) + NEAR)))
         r = np.insert(r, widest + 1, r[widest] + widths[widest] / 2)
-    return tuple((r / even * REACH * voltage_range).tolist())
+    r.flags.writeable = False
+    return r
 
 
 def play_weights(r: Sequence[float], voltage_range: float, first: float) -> FloatArray:

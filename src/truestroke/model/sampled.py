@@ -24,11 +24,10 @@ def play_sum(
 
 
 def creep_states(x: FloatArray, times: tuple[float, ...], sample_rate: float) -> list[FloatArray]:
-    """First-order states of the voltage of the tick before, which rested at the first one; V."""
-    from scipy.signal import lfilter
-
-    before = np.concatenate([x[:1], x[:-1]])
-    return [x[0] + lfilter([c], [1, c - 1], before - x[0]) for c in creep_shares(times, sample_rate)]
+    """First-order states of the voltage of the tick before, which rested at the first one, natively; V."""
+    rows = np.empty((len(times), x.size))
+    _kernel.creep_rows(np.ascontiguousarray(x), np.array(creep_shares(times, sample_rate)), rows)
+    return list(rows)
 
 
 def creep_to_come(first: float, times: tuple[float, ...], rest: float, since: FloatArray) -> FloatArray:

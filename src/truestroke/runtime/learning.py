@@ -216,9 +216,16 @@ def lasting(
     (64.0, 8.0)
     """
     wave, _, rate, periods = one_period(motion, sample_rate)
-    seconds, frequency = wave.size / rate, periods * rate / wave.size
+    return lasting_of(wave.size, periods, rate, passes=passes, settle=settle, averaged=averaged)
+
+
+def lasting_of(
+    samples: int, periods: int, rate: float, *, passes: int, settle: float | None, averaged: float
+) -> tuple[float, float]:
+    """`lasting` of a motion that has not been made: its `repetition` at this rate, Hz."""
+    seconds, frequency = samples / rate, periods * rate / samples
     count = sum(
-        _repetitions(wave.size, periods, rate, *one)
+        _repetitions(samples, periods, rate, *one)
         for one in ((SETTLE[1] if settle is None else settle, PERIODS[0]), (averaged, PERIODS[1]))
     )
     each = count * seconds

@@ -76,6 +76,7 @@ class ModeSearch:
         self.strain, self.z, self.known = strain[:ROWS], displacement[:ROWS], known[:ROWS]
         self.rate, self.narrow, self.flat, self.late = sample_rate, narrow, flat, late
         self._last: dict[tuple[float, float, float], FloatArray] = {}
+        self._delayed: tuple[float, FloatArray] = (0.0, self.strain - self.strain[0])
         self.lowest = max(PERIODS * sample_rate / self.strain.size, SLOWEST)
         self.highest = 0.99 * SEEN * sample_rate
 
@@ -216,9 +217,11 @@ class ModeSearch:
         return self._last[key]
 
     def _late(self, delay: float) -> FloatArray:
-        """The strain above its start behind dead time."""
-        ticks = np.arange(self.strain.size)
-        return np.asarray(np.interp(ticks - delay, ticks, self.strain) - self.strain[0])
+        """The strain above its start behind dead time; the last one is kept, for derivatives by the modes."""
+        if delay != self._delayed[0]:
+            ticks = np.arange(self.strain.size)
+            self._delayed = delay, np.asarray(np.interp(ticks - delay, ticks, self.strain) - self.strain[0])
+        return self._delayed[1]
 
     def hums(self, found: Dynamics) -> bool:
         """Whether a mode as narrow as a line of the spectrum may be hum.
