@@ -15,7 +15,8 @@
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
 #define DRIVES 8                  /* and so many of them in a row drive the stage, */
 #define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
-#define UNSURE 10                 /* times the variance of the first slope, for what it was learned from is not white */
+#define UNSURE 10                 /* times the variance of the first slope, for what it was learned from is not white, */
+#define ALLOWED ((ts_real)0.5)    /* without so much of what a sudden change adds to it */
 
 /* The regressor of the next tick that was not yet measured. */
 static void next_lagged(ts_controller *c)
@@ -320,11 +321,13 @@ static ts_real damp_ringing(ts_controller *c, ts_real error)
 }
 
 /* The share of the feedback that is used, as cautious control has it: b^2 / (b^2 + P). A small correction passes the slope b of the first
- * play alone, which a slow motion does not show: where it is far too small in the model, the loop has a gain far beyond its margins. */
+ * play alone, which a slow motion does not show: where it is far too small in the model, the loop has a gain far beyond its margins.
+ * They allow for a change of the gain, of which the law is unsure after each sudden change. */
 static ts_real share_of_feedback(const ts_controller *c)
 {
-    ts_real square = c->slopes[0] * c->slopes[0];
-    return square / (square + UNSURE * c->law.kalman.P[0]);
+    ts_real square = c->slopes[0] * c->slopes[0], gain = c->settings->kalman.change_gain;
+    ts_real beyond = c->law.kalman.P[0] - ALLOWED * (gain * gain * square);
+    return beyond > 0 ? square / (square + UNSURE * beyond) : 1;
 }
 
 /* One tick of the feedback, for the command after it. Its margins are those of the stage that was given: one that was found is damped. */

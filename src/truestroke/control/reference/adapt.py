@@ -30,7 +30,8 @@ LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
 DRIVES = 8  # and so many of them in a row drive the stage,
 SHRINKS = 0.75  # where the last one is not smaller than this times the first one
-UNSURE = 10  # times the variance of the first slope, for what it was learned from is not white
+UNSURE = 10  # times the variance of the first slope, for what it was learned from is not white,
+ALLOWED = 0.5  # without so much of what a sudden change adds to it
 
 
 def measure(c: State, z: float) -> bool:
@@ -170,11 +171,14 @@ def share_of_feedback(c: State) -> float:
     """The share of the feedback that is used, as cautious control has it: b^2 / (b^2 + P).
 
     A small correction passes the slope b of the first play alone, which a slow motion does not show: where it is far
-    too small in the model, the loop has a gain far beyond its margins.
+    too small in the model, the loop has a gain far beyond its margins. They allow for a change of the gain, of
+    which the law is unsure after each sudden change.
     """
-    square = float(c.slopes[0]) * float(c.slopes[0])
-    variance = 0.0 if c.filtering is None else c.filtering.variance_of(0)
-    return square / (square + UNSURE * variance)
+    if c.filtering is None:
+        return 1.0
+    square, gain = float(c.slopes[0]) * float(c.slopes[0]), c.members["kalman.change_gain"]
+    beyond = c.filtering.variance_of(0) - ALLOWED * (gain * gain * square)
+    return square / (square + UNSURE * beyond) if beyond > 0 else 1.0
 
 
 def feed_back(c: State, error: float) -> None:
