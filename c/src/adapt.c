@@ -15,7 +15,7 @@
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
 #define DRIVES 8                  /* and so many of them in a row drive the stage, */
 #define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
-#define UNSURE 10                 /* times the variance of the first slope, for what it was learned from is not white, */
+#define UNSURE ((ts_real)10)      /* times the variance of the first slope, for what it was learned from is not white, */
 #define ALLOWED ((ts_real)0.5)    /* without so much of what a sudden change adds to it */
 
 /* The regressor of the next tick that was not yet measured. */
@@ -326,8 +326,8 @@ static ts_real damp_ringing(ts_controller *c, ts_real error)
 static ts_real share_of_feedback(const ts_controller *c)
 {
     ts_real square = c->slopes[0] * c->slopes[0], gain = c->settings->kalman.change_gain;
-    ts_real beyond = c->law.kalman.P[0] - ALLOWED * (gain * gain * square);
-    return beyond > 0 ? square / (square + UNSURE * beyond) : 1;
+    ts_real unsure = c->law.kalman.P[0] - ALLOWED * (gain * gain * square);
+    return unsure > 0 ? square / (square + UNSURE * unsure) : 1;
 }
 
 /* One tick of the feedback, for the command after it. Its margins are those of the stage that was given: one that was found is damped. */

@@ -171,14 +171,14 @@ def share_of_feedback(c: State) -> float:
     """The share of the feedback that is used, as cautious control has it: b^2 / (b^2 + P).
 
     A small correction passes the slope b of the first play alone, which a slow motion does not show: where it is far
-    too small in the model, the loop has a gain far beyond its margins. They allow for a change of the gain, of
+    too small in the model, the loop has a gain far unsure its margins. They allow for a change of the gain, of
     which the law is unsure after each sudden change.
     """
     if c.filtering is None:
         return 1.0
     square, gain = float(c.slopes[0]) * float(c.slopes[0]), c.members["kalman.change_gain"]
-    beyond = c.filtering.variance_of(0) - ALLOWED * (gain * gain * square)
-    return square / (square + UNSURE * beyond) if beyond > 0 else 1.0
+    unsure = c.filtering.variance_of(0) - ALLOWED * (gain * gain * square)
+    return square / (square + UNSURE * unsure) if unsure > 0 else 1.0
 
 
 def feed_back(c: State, error: float) -> None:
