@@ -232,12 +232,12 @@ def for_phone(figure: Figure) -> bool:
         axes.tick_params(labelbottom=lowest, labelleft=first)
         axes.set_xlabel((axes.get_xlabel() or across[j if turned else i]) if lowest else "")
         axes.set_ylabel((axes.get_ylabel() or along[i if turned else j]) if first else "")
+        if axes.get_aspect() != "auto":
+            axes.locator_params(nbins=4)  # more on a larger image would be wider than the layout has allowed for
     _raise_legend(figure, panels)
     legends = LEGEND * len(figure.legends)
     figure.set_size_inches(PHONE, sum(heights) + legends)
-    engine = Places(rect=(0.0, 0.0, 1.0, 1.0 - legends / figure.get_figheight()))
-    engine.execute(figure)  # another one is made in the end: the labels of larger images are wider
-    figure.set_layout_engine(engine)
+    figure.set_layout_engine(Places(rect=(0.0, 0.0, 1.0, 1.0 - legends / figure.get_figheight())))
     return True
 
 
