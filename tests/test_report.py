@@ -270,6 +270,21 @@ def test_on_a_phone_the_columns_of_panels_are_rows() -> None:
     assert not style.for_phone(one)
 
 
+def test_labels_of_an_image_that_is_larger_on_a_phone_are_within_the_picture() -> None:
+    with style.use(style.PAGE):
+        made, panels = style.panels(2.0, 1, 3, edges={"left": 0.09, "right": 0.99}, sharex=True, sharey=True)
+        for panel in panels:
+            panel.imshow(np.zeros((2, 2)), extent=(12.2, 16.0, 12.2, 16.0))
+        panels[0].set(ylabel="y (um)")
+    svg(made, "wide", "")
+    assert style.for_phone(made)
+    with style.placed(made, style.VECTOR_DPI):
+        made.dpi = style.VECTOR_DPI
+        made.draw_without_rendering()
+    for panel in panels:
+        assert panel.yaxis.label.get_window_extent().x0 >= 0
+
+
 def test_a_panel_keeps_its_own_labels_on_a_phone() -> None:
     with style.use(style.PAGE):
         made, (left, right) = style.panels(2.0, 1, 2)

@@ -74,8 +74,9 @@ def learn(
     driver, limits, rate, given = _driven(config, options)
     if options["offset"] is None:
         options["offset"] = _middle(limits, options["peak_to_peak"])
+    duration = _long(rate, options)
     expected = _expected(rate, config, options)
-    wave = _wave(motion, rate, options)
+    wave = _wave(motion, rate, duration, options)
     given |= {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
     if options["dynamics"] is not None:
         given["dynamics"] = waveforms.dynamics_of(options["dynamics"], rate)
@@ -115,14 +116,12 @@ def _middle(limits: dict[str, Any], peak_to_peak: float) -> float:
     return float(0.5 * (low + high) * limits["stroke"] / (high - low))
 
 
-def _wave(motion: str, rate: float, options: dict[str, Any]) -> truestroke.Trajectory:
+def _wave(motion: str, rate: float, duration: float, options: dict[str, Any]) -> truestroke.Trajectory:
     """The motion that repeats, at the sample rate of what is driven, Hz."""
     given = {key: options[key] for key in ("frequency", "peak_to_peak", "offset", "turn") if options[key] is not None}
     if motion == "sine" and "turn" in given:
         raise click.UsageError("--turn means nothing to a sine: leave it out.")
-    made: truestroke.Trajectory = getattr(truestroke.trajectories, motion)(
-        sample_rate=rate, duration=_long(rate, options), **given
-    )
+    made: truestroke.Trajectory = getattr(truestroke.trajectories, motion)(sample_rate=rate, duration=duration, **given)
     return made
 
 
@@ -132,7 +131,6 @@ def _expected(rate: float, config: Path | None, options: dict[str, Any]) -> tupl
     from truestroke.runtime.learning import lasting_of
 
     passes, given = options["passes"], {key: options[key] for key in ("passes", "settle", "averaged")}
-    _long(rate, options)  # before it: a period that does not fit the memory
     seconds, each = lasting_of(*repetition(rate, options["frequency"]), rate, **given)
     what = f"{passes} passes of {display.duration(each)} take at most"
     if config is None:

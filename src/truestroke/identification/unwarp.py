@@ -729,9 +729,9 @@ def by_direction(*files: Sequence[Image], channel: str | None = None) -> dict[st
     if not 1 <= len(chosen) <= 2 or directions in (["trace"] * 2, ["retrace"] * 2):
         names = ", ".join(repr(image.name) for images in files for image in images)
         with_part = "" if channel is None else f" whose name contains {channel!r}"
-        found = f"{len(chosen)} images{with_part} are" if chosen else f"there is no image{with_part}; there must be"
+        found = f"{len(chosen)} images{with_part} are not" if chosen else f"there is no image{with_part}; there must be"
         raise ImageError(
-            f"{found}{' not' if chosen else ''} a trace, or a trace and a retrace: by `channel` take those whose names "
+            f"{found} a trace, or a trace and a retrace: by `channel` take those whose names "
             f"have a part in common, of {names}"
         )
     known = {"trace", "retrace"}.issuperset(directions)

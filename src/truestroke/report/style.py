@@ -22,6 +22,7 @@ WIDTH = 7.0  # in, two columns of a journal
 PHONE = 3.3  # in: letters of 8 points are 12 pixels high on a phone
 BESIDE, ABOVE = 0.55, 0.35  # in: what the labels of images take of the width of such a picture, of the height of a row
 LEGEND, BAR = 0.25, 0.5  # in: height of a legend of such a picture, width of a scale of colours
+EDGE = 0.03  # of the width of such a picture: what the layout does not see of the labels of images
 DPI, VECTOR_DPI = 200, 72  # of images; of SVG and PDF
 COLUMNS = 900  # pixel columns of a panel, for thinning
 ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm", "wrong")
@@ -237,7 +238,7 @@ def for_phone(figure: Figure) -> bool:
     _raise_legend(figure, panels)
     legends = LEGEND * len(figure.legends)
     figure.set_size_inches(PHONE, sum(heights) + legends)
-    figure.set_layout_engine(Places(rect=(0.0, 0.0, 1.0, 1.0 - legends / figure.get_figheight())))
+    figure.set_layout_engine(Places(rect=(EDGE, 0.0, 1.0 - EDGE, 1.0 - legends / figure.get_figheight())))
     return True
 
 
