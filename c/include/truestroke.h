@@ -89,9 +89,9 @@ typedef enum {
 #ifndef TS_EARS /* detectors that look for a load at the same time; at least 1, which is enough for a law that learns by RLS */
 #define TS_EARS 8
 #endif
-#define TS_HEARD 2 /* loads that nobody has named, at most */
+#define TS_HEARD 4 /* lines that nobody has named, at most: two loads, and two beyond the resonance */
 #ifndef TS_LINES /* of hum, and those; TS_HEARD at least */
-#define TS_LINES 8
+#define TS_LINES 10
 #endif
 #define TS_PACKED(m) ((m) * ((m) + 1) / 2) /* entries of the lower triangle of an m x m matrix, row by row */
 #ifndef TS_MAX_PRIOR /* entries of the prior covariance; fewer where rows of it begin with zeros */
@@ -550,6 +550,7 @@ typedef struct {
 
 typedef struct {
     ts_real centre;                   /* cycles per tick: about which a load is looked for; 0: it has not begun */
+    ts_real power;                    /* um^2: sum of squares of what is looked at, beyond the resonance */
     ts_tone tone;
     int of_error;                     /* 1: in the error, in place of what the first weights do not explain */
 } ts_ear;
@@ -562,18 +563,21 @@ typedef struct {
 typedef struct {
     ts_real line[3];                  /* cosine and sine of its angle in a tick, and 1/s; 0: none was heard */
     ts_real announced, age;           /* um: amplitude with which it was heard; s: since then */
+    ts_real fed_back[2];              /* um: cosine and sine of what the error has of it, where it is kept from the feedback */
+    ts_real beyond;                   /* 1: it is beyond the resonance of given dynamics, and kept from the law; 0: a load */
     ts_real error[2], first[2];       /* um: what the error has of it, and the other signal in which loads are heard */
 } ts_load;
 
 typedef struct {
     ts_real turn[TS_LINES][2];        /* cosine and sine at the tick that was measured last */
     ts_real sine[TS_LINES][2];        /* um: their amplitudes */
-    ts_load heard[TS_HEARD];          /* loads that nobody has named */
+    ts_load heard[TS_HEARD];          /* lines that nobody has named */
     ts_real refused[TS_HEARD][2];     /* 1/s, s: lines that were dropped, and for how long they are not heard again */
     ts_real over[TS_LINES];           /* s: at the bound of the amplitude, without a break */
     ts_real subtracted;               /* um: of the last command */
     ts_unexplained unexplained;
     ts_ear ear[TS_EARS];
+    ts_ear beyond;                    /* that looks beyond the resonance of given dynamics */
     ts_real regressor[TS_LINES][2][TS_PADDED(TS_MAX_PARAMETERS)]; /* V or um: what has the frequency of each line in the regressor of the law */
     ts_real measurement[TS_LINES][2]; /* um: in what belongs to it */
 } ts_hum_state;

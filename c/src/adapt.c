@@ -417,7 +417,7 @@ static bool measure(ts_controller *c, ts_real z)
     ts_real error = z - (d->z_d + slow[0] * d->zdot_d + slow[1] * d->zddot_d);
     /* The trim: at a voltage limit only away from it; the slew limit only delays. */
     if (used && (!limited || back)) c->integral -= s->trim * error;
-    feed_back(c, used && (!limited || back) ? -error : 0); /* no wind-up at a limit */
+    feed_back(c, used && (!limited || back) ? -ts_without_beyond(c, error) : 0); /* no wind-up at a limit */
     if (used && !staged && s->law == TS_LAW_KALMAN) {
         c->dynamics.z[1] = c->dynamics.z[0];
         c->dynamics.z[0] = alone;

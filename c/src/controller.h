@@ -105,6 +105,7 @@ TS_API ts_real ts_hum_of(const ts_controller *c);
 TS_API const ts_real *ts_without_hum(ts_controller *c, const ts_real *u, ts_real *y, ts_real *space);
 TS_API void ts_hum_follow(ts_controller *c, ts_real innovation);
 TS_API ts_real ts_power_of_hum(const ts_controller *c);
+TS_API ts_real ts_without_beyond(ts_controller *c, ts_real error);
 TS_API bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude);
 TS_API void ts_listen(ts_controller *c, ts_real error, ts_real z, ts_real zdot_d, bool used);
 TS_API void ts_forget_hum(ts_controller *c);

@@ -27,6 +27,18 @@
 #define DRIVEN_UP 5                   /* and so many times it that of a line that the command drives */
 #define REFUSED_FOR 5                 /* s: how long a line that was dropped is not heard again, */
 #define NEAR_REFUSED ((ts_real)0.1)   /* nor one so near to it, of its frequency */
+#define HIGHEST_BEYOND ((ts_real)0.42) /* cycles per tick: where the search for a line beyond the resonance begins, */
+#define LOWEST_BEYOND ((ts_real)1.25)  /* times the first resonance of given dynamics: where it ends, */
+#define NEXT_BEYOND ((ts_real)0.7)     /* and how it goes down */
+#define MOST_BEYOND 2                  /* such lines, of TS_HEARD */
+#define TIME_BEYOND ((ts_real)0.02)    /* s of a centre, at least */
+#define STEADY_BEYOND ((ts_real)0.4)   /* as TS_STEADY_TONE: noise has less in such a time */
+#define AUDIBLE_BEYOND ((ts_real)0.3)  /* times the noise of the law */
+#define LEAST_BEYOND ((ts_real)0.1)    /* share of the mean square of the error, from FAR_BEYOND times the resonance on, */
+#define FAR_BEYOND 2
+#define LEAST_NEAR ((ts_real)0.5)      /* and below */
+#define SAME_BEYOND ((ts_real)0.05)    /* of the frequency of such a line: what is heard so near to it is that line */
+#define WIDTH_BEYOND ((ts_real)0.02)   /* of 2 pi times its frequency: how fast the amplitude of such a line follows */
 
 /* Those that are named, and those that were heard. */
 static int lines_of(const ts_controller *c)
@@ -39,6 +51,20 @@ static int lines_of(const ts_controller *c)
 static const ts_real *line_of(const ts_controller *c, int i)
 {
     return i < c->settings->hum.lines ? c->settings->hum.line[i] : c->hum.heard[i - c->settings->hum.lines].line;
+}
+
+/* Whether it was heard beyond the resonance: what the dynamics do not explain there, such as a further mode, is no load. */
+static bool is_beyond(const ts_controller *c, int i)
+{
+    return i >= c->settings->hum.lines && c->hum.heard[i - c->settings->hum.lines].beyond > 0;
+}
+
+/* Share per tick by which the amplitude of a line follows. */
+static ts_real rate_of(const ts_controller *c, int i)
+{
+    ts_real faster = is_beyond(c, i) ? WIDTH_BEYOND * line_of(c, i)[2] : 0;
+    ts_real rate = (faster > HUM_FOLLOWED ? faster : HUM_FOLLOWED) * c->settings->oscillation.tick;
+    return rate < 1 ? rate : 1;
 }
 
 /* Of cosine and sine, um. */
@@ -108,9 +134,10 @@ ts_real ts_hum_of(const ts_controller *c)
 void ts_hum_follow(ts_controller *c, ts_real innovation)
 {
     ts_hum_state *h = &c->hum;
-    ts_real tick = c->settings->oscillation.tick, rate = HUM_FOLLOWED * tick, most = LARGEST_HUM * c->settings->stroke;
-    ts_real step = (rate < 1 ? rate : 1) * innovation;
+    ts_real tick = c->settings->oscillation.tick;
     for (int i = 0; i < lines_of(c); i++) {
+        ts_real most = (is_beyond(c, i) ? 1 : LARGEST_HUM) * c->settings->stroke;
+        ts_real step = rate_of(c, i) * innovation;
         ts_real *a = h->sine[i], x = a[0] + step * h->turn[i][0], y = a[1] + step * h->turn[i][1];
         a[0] = within(x, -most, most);
         a[1] = within(y, -most, most);
@@ -122,9 +149,9 @@ void ts_hum_follow(ts_controller *c, ts_real innovation)
  * what the command does against the line. */
 const ts_real *ts_without_hum(ts_controller *c, const ts_real *u, ts_real *y, ts_real *space)
 {
-    ts_real rate = 2 * HUM_FOLLOWED * c->settings->oscillation.tick;
-    if (rate > 1) rate = 1;
     for (int l = 0; l < lines_of(c); l++, u = space) {
+        ts_real rate = 2 * rate_of(c, l);
+        if (rate > 1) rate = 1;
         ts_real *of_y = c->hum.measurement[l], cosine = c->hum.turn[l][0], sine = c->hum.turn[l][1];
         for (int i = 0; i < c->parameters; i += TS_LANES) {
             ts_real *a = c->hum.regressor[l][0] + i, *b = c->hum.regressor[l][1] + i;
@@ -140,6 +167,20 @@ const ts_real *ts_without_hum(ts_controller *c, const ts_real *u, ts_real *y, ts
     return u;
 }
 
+/* The error that is fed back, um: without what is beyond the resonance, where the margins of the feedback are not known. */
+ts_real ts_without_beyond(ts_controller *c, ts_real error)
+{
+    int named = c->settings->hum.lines;
+    for (int i = named; i < lines_of(c); i++) {
+        ts_real rate = 2 * rate_of(c, i), *of = c->hum.heard[i - named].fed_back, *turn = c->hum.turn[i];
+        if (!is_beyond(c, i)) continue;
+        error = error - turn[0] * of[0] - turn[1] * of[1];
+        of[0] += (rate < 1 ? rate : 1) * turn[0] * error;
+        of[1] += (rate < 1 ? rate : 1) * turn[1] * error;
+    }
+    return error;
+}
+
 /* Whether the amplitudes are not known yet, so many ticks ago. */
 static bool begins(const ts_controller *c, uint64_t ago)
 {
@@ -147,24 +188,24 @@ static bool begins(const ts_controller *c, uint64_t ago)
     return ticks < ago || (ts_real)(ticks - ago) * c->settings->oscillation.tick * HUM_FOLLOWED < BEGINS;
 }
 
-/* Mean square of the lines, um^2: beside a smaller error nothing is shown of a resonance. */
+/* Mean square of the lines but those beyond the resonance, um^2: beside a smaller error nothing is shown of a resonance. */
 ts_real ts_power_of_hum(const ts_controller *c)
 {
     ts_real sum = 0;
     for (int i = 0; i < lines_of(c); i++) {
         const ts_real *a = c->hum.sine[i];
-        sum += (a[0] * a[0] + a[1] * a[1]) / 2;
+        if (!is_beyond(c, i)) sum += (a[0] * a[0] + a[1] * a[1]) / 2;
     }
     return sum;
 }
 
-/* Whether an oscillation of this frequency, cycles per tick, and amplitude, um, is a line. */
+/* Whether an oscillation of this frequency, cycles per tick, and amplitude, um, is a line; one beyond the resonance may be the stage. */
 bool ts_is_hum(const ts_controller *c, ts_real frequency, ts_real amplitude)
 {
     const ts_settings *s = c->settings;
     for (int i = 0; i < lines_of(c); i++) {
         ts_real line = line_of(c, i)[2] * s->oscillation.tick / (2 * TS_PI);
-        if (size_of(frequency / line - 1) < OF_LINE && amplitude < AS_LOUD * size_of_line(c, i)) return true;
+        if (!is_beyond(c, i) && size_of(frequency / line - 1) < OF_LINE && amplitude < AS_LOUD * size_of_line(c, i)) return true;
     }
     return false;
 }
@@ -209,7 +250,7 @@ ts_real ts_hum_ahead(const ts_controller *c, ts_real *ahead)
     *ahead = 0;
     if (begins(c, 0)) return 0;
     for (int i = is_given(c) && s->feedback.filters > 0 ? s->hum.lines : 0; i < lines_of(c); i++) {
-        if (!(c->hum.over[i] < LONG_OVER) || is_near_resonance(c, line_of(c, i))) continue;
+        if (!(c->hum.over[i] < LONG_OVER) || is_beyond(c, i) || is_near_resonance(c, line_of(c, i))) continue;
         ts_real turn[2] = {c->hum.turn[i][0], c->hum.turn[i][1]}, w = line_of(c, i)[2];
         for (uint64_t tick = measured_ticks(c); tick <= c->counters.commands; tick++) rotate(turn, line_of(c, i));
         const ts_real *a = c->hum.sine[i];
@@ -220,13 +261,23 @@ ts_real ts_hum_ahead(const ts_controller *c, ts_real *ahead)
     return sum;
 }
 
-/* Which of the lines that were heard is the quietest. */
-static int quietest_line(const ts_controller *c)
+/* Amplitude, um, which another line has to exceed by far that takes the place of this one. What is beyond the resonance may be quiet since
+ * it is kept from law and feedback. */
+static ts_real loudness_of(const ts_controller *c, int i)
 {
-    int place = c->settings->hum.lines;
-    for (int i = place + 1; i < lines_of(c); i++)
-        if (size_of_line(c, i) < size_of_line(c, place)) place = i;
-    return place;
+    ts_real size = size_of_line(c, i), announced = is_beyond(c, i) ? c->hum.heard[i - c->settings->hum.lines].announced : 0;
+    return size > announced ? size : announced;
+}
+
+/* The place of a line that is heard: a free one, or, where as many of its kind were heard before as can be, that of the quietest of them. */
+static int place_of(const ts_controller *c, bool beyond)
+{
+    int of_kind = 0, quietest = 0, most = beyond ? MOST_BEYOND : TS_HEARD - MOST_BEYOND;
+    for (int i = c->settings->hum.lines; i < lines_of(c); i++) {
+        if (is_beyond(c, i) != beyond) continue;
+        if (of_kind++ == 0 || loudness_of(c, i) < loudness_of(c, quietest)) quietest = i;
+    }
+    return of_kind < most ? lines_of(c) : quietest;
 }
 
 /* Whether a line of this frequency, 1/s, was dropped not long ago. */
@@ -237,30 +288,38 @@ static bool is_refused(const ts_hum_state *h, ts_real w)
     return false;
 }
 
-/* A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and louder than the noise. Where as
- * many as can be were heard before it takes the place of the quietest one, if it is twice as loud. */
-static void hear_load(ts_controller *c, ts_real frequency, ts_real amplitude)
+/* A line beyond the resonance that is heard again, louder: the louder, the better its frequency is known. */
+static void tune(ts_load *l, const ts_load *heard)
+{
+    if (!(heard->announced > l->announced)) return;
+    memcpy(l->line, heard->line, sizeof l->line);
+    l->announced = heard->announced;
+}
+
+/* What has this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet, and louder than the noise. Where it
+ * takes the place of another it is twice as loud. */
+static void hear(ts_controller *c, ts_real frequency, ts_real amplitude, bool beyond)
 {
     ts_hum_state *h = &c->hum;
-    int named = c->settings->hum.lines, place = lines_of(c);
+    int place = place_of(c, beyond);
     ts_real w = 2 * TS_PI * frequency / c->settings->oscillation.tick, g = ts_tangent(TS_PI * frequency), all = 1 + g * g;
-    const ts_load heard = {.line = {(1 - g * g) / all, 2 * g / all, w}, .announced = amplitude};
-    bool audible = amplitude > c->law.kalman.sigma && amplitude <= LARGEST_HUM * c->settings->stroke;
-    if (!audible || is_near_resonance(c, heard.line) || is_refused(h, w)) return;
-    for (int i = 0; i < lines_of(c); i++)
-        if (size_of(w / line_of(c, i)[2] - 1) < SAME_LINE) return;
-    if (place == named + TS_HEARD) {
-        place = quietest_line(c);
-        if (amplitude < AS_LOUD * size_of_line(c, place)) return;
+    const ts_load heard = {.line = {(1 - g * g) / all, 2 * g / all, w}, .announced = amplitude, .beyond = beyond};
+    bool audible = amplitude > (beyond ? AUDIBLE_BEYOND : 1) * c->law.kalman.sigma && amplitude <= (beyond ? 1 : LARGEST_HUM) * c->settings->stroke;
+    if (!audible || (!beyond && is_near_resonance(c, heard.line)) || is_refused(h, w)) return;
+    for (int i = 0; i < lines_of(c); i++) {
+        if (!(size_of(w / line_of(c, i)[2] - 1) < (is_beyond(c, i) ? SAME_BEYOND : SAME_LINE))) continue;
+        if (is_beyond(c, i)) tune(&h->heard[i - c->settings->hum.lines], &heard);
+        return;
     }
-    h->heard[place - named] = heard;
+    if (place < lines_of(c) && amplitude < AS_LOUD * loudness_of(c, place)) return;
+    h->heard[place - c->settings->hum.lines] = heard;
     h->sine[place][0] = h->sine[place][1] = h->over[place] = 0;
     memset(h->regressor[place], 0, sizeof h->regressor[place]);
     h->measurement[place][0] = h->measurement[place][1] = 0;
 }
 
 /* A line that was heard is none any more. Those behind it move up. */
-static void drop_load(ts_controller *c, int i)
+static void drop_line(ts_controller *c, int i)
 {
     ts_hum_state *h = &c->hum;
     int named = c->settings->hum.lines, last = lines_of(c) - 1;
@@ -285,16 +344,17 @@ static void demodulate(ts_real *of, const ts_real *turn, ts_real signal, ts_real
     of[1] += rate * (2 * signal * turn[1] - of[1]);
 }
 
-/* Whether what was heard is no load: nothing is there, or the command that takes it away makes it larger. */
-static bool is_no_load(const ts_load *l, ts_real size)
+/* Whether what was heard is no line: nothing is there, or the command that takes a load away makes it larger. */
+static bool is_no_line(const ts_load *l, ts_real size)
 {
     ts_real shows = amplitude_of(l->first), remains = amplitude_of(l->error), most = size > l->announced ? size : l->announced;
+    if (l->beyond > 0) return false; /* it may be quiet since the feedback no longer drives it */
     if (size > DRIVEN_UP * l->announced && remains > l->announced) return true;
     return l->age > JUDGED_AFTER && (remains > most || (size > shows ? size : shows) < NO_LOAD * l->announced);
 }
 
 /* One tick in which lines that were heard are judged by the signals in which they were. */
-static void judge_loads(ts_controller *c, const ts_real *signals)
+static void judge_lines(ts_controller *c, const ts_real *signals)
 {
     ts_hum_state *h = &c->hum;
     int named = c->settings->hum.lines;
@@ -306,7 +366,7 @@ static void judge_loads(ts_controller *c, const ts_real *signals)
         demodulate(l->first, h->turn[named + i], signals[0], rate);
         demodulate(l->error, h->turn[named + i], signals[1], rate);
         l->age += tick;
-        if (is_no_load(l, size_of_line(c, named + i))) drop_load(c, i);
+        if (is_no_line(l, size_of_line(c, named + i))) drop_line(c, i);
     }
 }
 
@@ -359,7 +419,7 @@ static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
     if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
         bool of_error = e->of_error > 0 || !explains(c);
         ts_real shown = ts_tone_of_load(&e->tone, steady_load(c, of_error), ORDERS);
-        if (shown > 0) hear_load(c, shown, ts_tone_amplitude(&e->tone));
+        if (shown > 0) hear(c, shown, ts_tone_amplitude(&e->tone), false);
         e->centre *= NEXT_OF_EAR;
         if (e->centre < lowest) e->of_error = 1 - e->of_error;
         anew = true;
@@ -367,6 +427,37 @@ static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
     if (e->centre < lowest) e->centre = first;
     if (anew) ts_tone_begin(&e->tone, e->centre);
     ts_tone_tick(&e->tone, signals[e->of_error], zdot_d);
+}
+
+/* A tone that was looked for beyond the resonance is a line where it matters: below FAR_BEYOND times the resonance harmonics of the motion
+ * show the hysteresis. */
+static void hear_beyond(ts_controller *c, const ts_ear *e)
+{
+    ts_real shown = ts_tone_of_load(&e->tone, STEADY_BEYOND, 0), amplitude = ts_tone_amplitude(&e->tone), first = first_resonance(c);
+    ts_real share = amplitude * amplitude / 2 * (ts_real)e->tone.passed, least = shown > FAR_BEYOND * first ? LEAST_BEYOND : LEAST_NEAR;
+    if (shown > LOWEST_BEYOND * first && share > least * e->power) hear(c, shown, amplitude, true);
+}
+
+/* One tick of the search for a line beyond the resonance of given dynamics, in the error. There a harmonic of the motion is one, too: what a
+ * further mode makes of it. */
+static void listen_beyond(ts_controller *c, ts_real error, ts_real zdot_d)
+{
+    ts_ear *e = &c->hum.beyond;
+    ts_real lowest = LOWEST_BEYOND * first_resonance(c), passed = (ts_real)e->tone.passed * c->settings->oscillation.tick;
+    if (!(lowest < HIGHEST_BEYOND)) return;
+    bool anew = !(e->centre > 0);
+    if (!anew && e->tone.blocks >= BLOCKS_HEARD && passed >= TIME_BEYOND) {
+        hear_beyond(c, e);
+        e->centre *= NEXT_BEYOND;
+        anew = true;
+    }
+    if (e->centre < lowest) e->centre = HIGHEST_BEYOND;
+    if (anew) {
+        ts_tone_begin(&e->tone, e->centre);
+        e->power = 0;
+    }
+    e->power += error * error;
+    ts_tone_tick(&e->tone, error, zdot_d);
 }
 
 /* One tick of the search for a load: each detector has every eighth centre, for 20 periods each, from half of the first resonance downwards,
@@ -377,7 +468,8 @@ void ts_listen(ts_controller *c, ts_real error, ts_real z, ts_real zdot_d, bool 
     if (c->settings->trim > 0) return;
     if (!(first > 0)) first = within(HIGHEST_LOAD * tick, 0, FASTEST_LOAD);
     const ts_real signals[2] = {explains(c) ? unexplained(c, z, used) : error, error};
-    if (used) judge_loads(c, signals);
+    if (used) judge_lines(c, signals);
+    if (is_given(c)) listen_beyond(c, error, zdot_d);
     for (int i = 0; i < TS_EARS; i++) {
         if (first >= lowest) listen_about(c, &c->hum.ear[i], first, lowest, signals, zdot_d);
         first *= NEXT_LOAD;

@@ -191,10 +191,11 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("feedback_state", &c.feedback.state[0][0], sizeof c.feedback.state / sizeof(ts_real));
     visit("feedback_damping", &c.feedback.damping[0], 12);
     visit("hum", &c.hum.turn[0][0], offsetof(ts_hum_state, ear) / sizeof(ts_real));
-    for (int i = 0; i < TS_EARS; i++) {
-        visit(("ear_" + std::to_string(i)).c_str(), &c.hum.ear[i].centre, 1 + offsetof(ts_tone, block) / sizeof(ts_real));
-        visit(("ear_ticks_" + std::to_string(i)).c_str(), &c.hum.ear[i].tone.block, 5);
-        visit(("ear_of_error_" + std::to_string(i)).c_str(), &c.hum.ear[i].of_error, 1);
+    for (int i = 0; i <= TS_EARS; i++) { // the last one listens beyond the resonance
+        auto &ear = i < TS_EARS ? c.hum.ear[i] : c.hum.beyond;
+        visit(("ear_" + std::to_string(i)).c_str(), &ear.centre, 2 + offsetof(ts_tone, block) / sizeof(ts_real));
+        visit(("ear_ticks_" + std::to_string(i)).c_str(), &ear.tone.block, 5);
+        visit(("ear_of_error_" + std::to_string(i)).c_str(), &ear.of_error, 1);
     }
     for (int i = 0; i < 2 * (c.settings->hum.lines + TS_HEARD); i++) {
         visit(("hum_regressor_" + std::to_string(i)).c_str(), &c.hum.regressor[i / 2][i % 2][0], m);
@@ -368,11 +369,11 @@ void check_kalman(const ts_controller &c) {
         require_all("hum", length > static_cast<ts_real>(0.99) && length < static_cast<ts_real>(1.01) && c.hum.over[i] >= 0, "phasors of length 1, and times of 0 or more");
     }
     require_all("hum", c.hum.unexplained.square >= 0, "a sum of squares of 0 or more");
-    for (const auto &load : c.hum.heard) require_all("hum", load.line[2] >= 0 && load.announced >= 0 && load.age >= 0, "frequencies, amplitudes and times of 0 or more");
-    for (int i = 0; i < TS_EARS; i++) {
-        const ts_ear &e = c.hum.ear[i];
+    for (const auto &load : c.hum.heard) require_all("hum", load.line[2] >= 0 && load.announced >= 0 && load.age >= 0 && (load.beyond == 0 || load.beyond == 1), "frequencies, amplitudes and times of 0 or more");
+    for (int i = 0; i <= TS_EARS; i++) {
+        const ts_ear &e = i < TS_EARS ? c.hum.ear[i] : c.hum.beyond;
         std::string name = "ear_" + std::to_string(i), ticks = "ear_ticks_" + std::to_string(i);
-        require_all(name.c_str(), e.centre >= 0 && e.centre < 1, "a frequency of 0 or more");
+        require_all(name.c_str(), e.centre >= 0 && e.centre < 1 && e.power >= 0, "a frequency and a sum of squares of 0 or more");
         require_range(("ear_of_error_" + std::to_string(i)).c_str(), e.of_error, 0, 1);
         check_tone(name.c_str(), ticks.c_str(), e.tone, e.centre > 0);
     }
@@ -610,7 +611,7 @@ class Kernel {
         for (int i = 0; i < TS_HEARD && c_.hum.heard[i].line[2] > 0; i++) {
             const ts_real *a = c_.hum.sine[c_.settings->hum.lines + i];
             double size = std::hypot(a[0], a[1]);
-            if (size <= loudest || !(size > c_.law.kalman.sigma)) continue;
+            if (c_.hum.heard[i].beyond > 0 || size <= loudest || !(size > c_.law.kalman.sigma)) continue;
             loudest = size;
             turns = c_.hum.heard[i].line[2] * c_.settings->oscillation.tick / (2 * TS_PI);
         }

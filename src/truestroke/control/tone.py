@@ -103,6 +103,11 @@ class ToneDetector:
         return frequency if abs(order - int(order + 0.5)) > OFF_HARMONIC else 0.0
 
     @property
+    def ticks(self) -> int:
+        """That have passed."""
+        return self._passed
+
+    @property
     def blocks(self) -> int:
         """That have ended."""
         return self._blocks

@@ -12,7 +12,15 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefu
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.found import watch_resonance
-from truestroke.control.reference.hum import follow_hum, hum_of, listen, miss_hum, tick_of_hum, without_hum
+from truestroke.control.reference.hum import (
+    follow_hum,
+    hum_of,
+    listen,
+    miss_hum,
+    tick_of_hum,
+    without_beyond,
+    without_hum,
+)
 from truestroke.control.reference.learned import PAUSE, is_restored, watch_kept, watch_learning
 from truestroke.control.reference.ringing import forget_hum, watch_stage
 from truestroke.control.reference.state import BEYOND, HISTORY, Command, State
@@ -56,7 +64,7 @@ def measure(c: State, z: float) -> bool:
     # The trim: at a voltage limit only away from it; the slew limit only delays.
     if used and (not limited or beyond):
         c.integral -= c.members["trim"] * error
-    feed_back(c, -error if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
+    feed_back(c, -without_beyond(c, error) if used and (not limited or beyond) else 0.0)  # no wind-up at a limit
     if used and path is None:
         c.stage.z = alone, c.stage.z[0]
     low, high = c.settings.voltage_limits

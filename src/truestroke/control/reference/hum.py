@@ -29,7 +29,7 @@ from truestroke.control.tone import STEADY_TONE, ToneDetector
 if TYPE_CHECKING:
     from truestroke.control.reference.state import State
 
-HEARD = 2  # loads that nobody has named, at most: TS_HEARD of the kernel
+HEARD = 4  # lines that nobody has named, at most: two loads, and two beyond the resonance; TS_HEARD of the kernel
 LINES = feedback.LINES + HEARD  # at most, with those that are named: TS_LINES
 FOLLOWED = 20  # 1/s: how fast their amplitudes follow
 FORGOTTEN = 4  # 1/s: how fast they decay without measurements
@@ -58,6 +58,18 @@ NO_LOAD = 0.05  # of the amplitude with which it was heard: a smaller one is non
 DRIVEN_UP = 5  # and so many times it that of a line that the command drives
 REFUSED_FOR = 5  # s: how long a line that was dropped is not heard again,
 NEAR_REFUSED = 0.1  # nor one so near to it, of its frequency
+HIGHEST_BEYOND = 0.42  # cycles per tick: where the search for a line beyond the resonance begins,
+LOWEST_BEYOND = 1.25  # times the first resonance of given dynamics: where it ends,
+NEXT_BEYOND = 0.7  # and how it goes down
+MOST_BEYOND = 2  # such lines, of HEARD
+TIME_BEYOND = 0.02  # s of a centre, at least
+STEADY_BEYOND = 0.4  # as `STEADY_TONE`: noise has less in such a time
+AUDIBLE_BEYOND = 0.3  # times the noise of the law
+LEAST_BEYOND = 0.1  # share of the mean square of the error, from FAR_BEYOND times the resonance on,
+FAR_BEYOND = 2
+LEAST_NEAR = 0.5  # and below
+SAME_BEYOND = 0.05  # of the frequency of such a line: what is heard so near to it is that line
+WIDTH_BEYOND = 0.02  # of 2 pi times its frequency: how fast the amplitude of such a line follows
 
 
 @dataclass
@@ -66,13 +78,22 @@ class Load:
 
     line: tuple[float, float, float]  # cosine and sine of its angle in a tick, and 1/s
     announced: float  # um: amplitude with which it was heard
+    beyond: bool = False  # the resonance of given dynamics: it is kept from the law, and no load
     age: float = 0.0  # s: since then
     error: list[float] = field(default_factory=lambda: [0.0, 0.0])  # um: what the error has of it,
     first: list[float] = field(default_factory=lambda: [0.0, 0.0])  # and the other signal in which loads are heard
+    fed_back: list[float] = field(default_factory=lambda: [0.0, 0.0])  # um: what the error has, kept from the feedback
+
+    def tune(self, line: tuple[float, float, float], amplitude: float) -> None:
+        """A line beyond the resonance that is heard again, louder: the louder, the better its frequency is known."""
+        if amplitude > self.announced:
+            self.line, self.announced = line, amplitude
 
     def is_none(self, size: float) -> bool:
-        """Whether nothing is there, or the command that takes it away makes it larger; size: its amplitude, um."""
+        """Whether nothing is there, or the command that takes a load away makes it larger; size: its amplitude, um."""
         shows, remains = amplitude_of(self.first), amplitude_of(self.error)
+        if self.beyond:
+            return False  # it may be quiet since the feedback no longer drives it
         if size > DRIVEN_UP * self.announced and remains > self.announced:
             return True
         nothing = max(size, shows) < NO_LOAD * self.announced
@@ -84,6 +105,7 @@ class Ear:
     """A detector that looks for a load: ts_ear of the kernel."""
 
     centre: float = 0.0  # cycles per tick: about which; 0: it has not begun
+    power: float = 0.0  # um^2: sum of squares of what is looked at, beyond the resonance
     tone: ToneDetector | None = None  # begun, of that centre
     of_error: bool = False  # in the error, in place of what the first weights do not explain
 
@@ -104,10 +126,11 @@ class Hum:
 
     turn: list[list[float]] = field(default_factory=lambda: [[1.0, 0.0] for _ in range(LINES)])
     sine: list[list[float]] = field(default_factory=lambda: [[0.0, 0.0] for _ in range(LINES)])  # um: amplitudes
-    heard: list[Load] = field(default_factory=list)  # loads that nobody has named
+    heard: list[Load] = field(default_factory=list)  # lines that nobody has named
     refused: list[tuple[float, float]] = field(default_factory=list)  # 1/s and s: of lines that were dropped, how long
     over: list[float] = field(default_factory=lambda: [0.0] * LINES)  # s: at that bound, without a break
     ears: list[Ear] = field(default_factory=lambda: [Ear() for _ in range(EARS)])
+    beyond: Ear = field(default_factory=Ear)  # that looks beyond the resonance of given dynamics
     unexplained: Unexplained = field(default_factory=Unexplained)
     subtracted: float = 0.0  # um: of the last command
     regressor: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)  # of a line: V or um
@@ -118,6 +141,18 @@ def lines_of(c: State) -> list[tuple[float, float, float]]:
     """Those that are named, and those that were heard: of each cosine and sine of its angle in a tick, and 1/s."""
     named: list[tuple[float, float, float]] = c.members["hum.line"]
     return named + [load.line for load in c.hum.heard]
+
+
+def is_beyond(c: State, i: int) -> bool:
+    """Whether it was heard beyond the resonance: what the dynamics miss there, such as a further mode, is no load."""
+    named = len(c.members["hum.line"])
+    return i >= named and c.hum.heard[i - named].beyond
+
+
+def rate_of(c: State, i: int) -> float:
+    """Share per tick by which the amplitude of a line follows."""
+    width = WIDTH_BEYOND * lines_of(c)[i][2] if is_beyond(c, i) else 0.0
+    return min(max(width, FOLLOWED) * c.oscillation.tick, 1)
 
 
 def amplitude_of(a: list[float]) -> float:
@@ -162,9 +197,10 @@ def hum_of(c: State) -> float:
 
 def follow_hum(c: State, innovation: float) -> None:
     """What the model did not expect of this tick, um, is hum as far as it has its frequency."""
-    tick, most = c.oscillation.tick, LARGEST_HUM * c.settings.stroke
-    step = min(FOLLOWED * tick, 1) * innovation
+    tick, stroke = c.oscillation.tick, c.settings.stroke
     for i, _ in enumerate(lines_of(c)):
+        most = stroke if is_beyond(c, i) else LARGEST_HUM * stroke
+        step = rate_of(c, i) * innovation
         a, turn = c.hum.sine[i], c.hum.turn[i]
         a = [min(max(a[0] + step * turn[0], -most), most), min(max(a[1] + step * turn[1], -most), most)]
         c.hum.sine[i] = a
@@ -177,8 +213,8 @@ def without_hum(c: State, u: FloatArray, y: float) -> tuple[FloatArray, float]:
 
     Their linear relation stays, without what the command does against the line.
     """
-    rate = min(2 * FOLLOWED * c.oscillation.tick, 1)
     for i, _ in enumerate(lines_of(c)):
+        rate = min(2 * rate_of(c, i), 1)
         (cosine, sine), of_y = c.hum.turn[i], c.hum.measurement[i]
         a, b = c.hum.regressor.get(i) or (np.zeros(u.size), np.zeros(u.size))
         u = u - cosine * a - sine * b
@@ -188,24 +224,42 @@ def without_hum(c: State, u: FloatArray, y: float) -> tuple[FloatArray, float]:
     return u, y
 
 
+def without_beyond(c: State, error: float) -> float:
+    """The error that is fed back, um: without what is beyond the resonance, where no margin is known."""
+    named = len(c.members["hum.line"])
+    for i, load in enumerate(c.hum.heard, named):
+        if not load.beyond:
+            continue
+        rate, turn, of = min(2 * rate_of(c, i), 1), c.hum.turn[i], load.fed_back
+        error = error - turn[0] * of[0] - turn[1] * of[1]
+        load.fed_back = [of[0] + rate * turn[0] * error, of[1] + rate * turn[1] * error]
+    return error
+
+
 def begins(c: State, ago: int = 0) -> bool:
     """Whether the amplitudes are not known yet, so many ticks ago."""
     return c.measured_ticks < ago or (c.measured_ticks - ago) * c.oscillation.tick * FOLLOWED < BEGINS
 
 
 def power_of_hum(c: State) -> float:
-    """Mean square of the lines, um^2: beside a smaller error nothing is shown of a resonance."""
+    """Mean square of the lines but those beyond the resonance, um^2: a smaller error shows nothing of a resonance."""
     total = 0.0
-    for a, _ in zip(c.hum.sine, lines_of(c), strict=False):
-        total += (a[0] * a[0] + a[1] * a[1]) / 2
+    for i, _ in enumerate(lines_of(c)):
+        a = c.hum.sine[i]
+        if not is_beyond(c, i):
+            total += (a[0] * a[0] + a[1] * a[1]) / 2
     return total
 
 
 def is_hum(c: State, frequency: float, amplitude: float) -> bool:
-    """Whether an oscillation of this frequency, cycles per tick, and amplitude, um, is a line."""
+    """Whether an oscillation of this frequency, cycles per tick, and amplitude, um, is a line.
+
+    One beyond the resonance may be the stage.
+    """
     for i, line in enumerate(lines_of(c)):
         turns = line[2] * c.oscillation.tick / (2 * math.pi)
-        if abs(frequency / turns - 1) < OF_LINE and amplitude < AS_LOUD * size_of_line(c, i):
+        near = abs(frequency / turns - 1) < OF_LINE
+        if not is_beyond(c, i) and near and amplitude < AS_LOUD * size_of_line(c, i):
             return True
     return False
 
@@ -234,7 +288,7 @@ def subtracted(c: State) -> tuple[float, float]:
     for i, line in enumerate(lines_of(c)):
         if i < taken:
             continue
-        if not c.hum.over[i] < LONG_OVER or is_near_resonance(c, line):
+        if not c.hum.over[i] < LONG_OVER or is_beyond(c, i) or is_near_resonance(c, line):
             continue
         turn, a, w = c.hum.turn[i], c.hum.sine[i], line[2]
         for _ in range(c.measured_ticks, c.counters["commands"] + 1):
@@ -245,27 +299,48 @@ def subtracted(c: State) -> tuple[float, float]:
     return total, ahead
 
 
-def hear(c: State, frequency: float, amplitude: float) -> None:
-    """A load of this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet.
+def loudness_of(c: State, i: int) -> float:
+    """Amplitude, um, which another line has to exceed by far that takes the place of this one.
 
-    It is louder than the noise. Where as many as can be were heard before it takes the place of the quietest one, if it
-    is twice as loud.
+    What is beyond the resonance may be quiet since it is kept from law and feedback.
+    """
+    announced = c.hum.heard[i - len(c.members["hum.line"])].announced if is_beyond(c, i) else 0.0
+    return max(size_of_line(c, i), announced)
+
+
+def place_of(c: State, beyond: bool) -> int:
+    """The place of a line that is heard, among those that were.
+
+    A free one, or, where as many of its kind were heard before as can be, that of the quietest of them.
+    """
+    named, most = len(c.members["hum.line"]), MOST_BEYOND if beyond else HEARD - MOST_BEYOND
+    of_kind = [i for i, load in enumerate(c.hum.heard) if load.beyond == beyond]
+    return len(c.hum.heard) if len(of_kind) < most else min(of_kind, key=lambda i: loudness_of(c, named + i))
+
+
+def hear(c: State, frequency: float, amplitude: float, beyond: bool) -> None:
+    """What has this frequency, cycles per tick, and amplitude, um, is from now on a line, if it is none yet.
+
+    It is louder than the noise, and twice as loud as the one whose place it takes.
     """
     g, hum, named = tangent(math.pi * frequency), c.hum, len(c.members["hum.line"])
     whole = 1 + g * g
     w = 2 * math.pi * frequency / c.oscillation.tick
-    line, place = ((1 - g * g) / whole, 2 * g / whole, w), len(hum.heard)
-    same = any(abs(w / one[2] - 1) < SAME_LINE for one in lines_of(c))
+    line, place = ((1 - g * g) / whole, 2 * g / whole, w), place_of(c, beyond)
     sigma = c.filtering.sigma if c.filtering is not None else 0.0
-    audible = sigma < amplitude <= LARGEST_HUM * c.settings.stroke
+    least, most = (AUDIBLE_BEYOND, 1) if beyond else (1, LARGEST_HUM)
+    audible = least * sigma < amplitude <= most * c.settings.stroke
     refused = any(left > 0 and abs(w / one - 1) < NEAR_REFUSED for one, left in hum.refused)
-    if not audible or is_near_resonance(c, line) or refused or same:
+    if not audible or (not beyond and is_near_resonance(c, line)) or refused:
         return
-    if place == HEARD:
-        place = min(range(HEARD), key=lambda i: size_of_line(c, named + i))
-        if amplitude < AS_LOUD * size_of_line(c, named + place):
+    for i, one in enumerate(lines_of(c)):
+        if abs(w / one[2] - 1) < (SAME_BEYOND if is_beyond(c, i) else SAME_LINE):
+            if is_beyond(c, i):
+                hum.heard[i - named].tune(line, amplitude)
             return
-    hum.heard[place : place + 1] = [Load(line, amplitude)]
+    if place < len(hum.heard) and amplitude < AS_LOUD * loudness_of(c, named + place):
+        return
+    hum.heard[place : place + 1] = [Load(line, amplitude, beyond)]
     place += named
     hum.sine[place], hum.over[place], hum.measurement[place] = [0.0, 0.0], 0.0, [0.0, 0.0]
     hum.regressor.pop(place, None)
@@ -355,7 +430,7 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
     if ear.tone is not None and ear.tone.blocks >= BLOCKS_HEARD:
         of_error = ear.of_error or not explains(c)
         if (load := ear.tone.shown(steady_load(c, of_error), ORDERS)) > 0:
-            hear(c, load, ear.tone.amplitude)
+            hear(c, load, ear.tone.amplitude, beyond=False)
         ear.centre, ear.tone = ear.centre * NEXT_OF_EAR, None
         if ear.centre < lowest:
             ear.of_error = not ear.of_error
@@ -363,6 +438,37 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
         ear.centre = first
     ear.tone = ear.tone or ToneDetector(ear.centre)
     ear.tone.update(signals[ear.of_error], zdot_d)
+
+
+def hear_beyond(c: State, ear: Ear, tone: ToneDetector) -> None:
+    """A tone that was looked for beyond the resonance is a line where it matters.
+
+    Below FAR_BEYOND times the resonance harmonics of the motion show the hysteresis.
+    """
+    shown, amplitude, first = tone.shown(STEADY_BEYOND, 0), tone.amplitude, first_resonance(c)
+    share = amplitude * amplitude / 2 * tone.ticks
+    least = LEAST_BEYOND if shown > FAR_BEYOND * first else LEAST_NEAR
+    if shown > LOWEST_BEYOND * first and share > least * ear.power:
+        hear(c, shown, amplitude, beyond=True)
+
+
+def listen_beyond(c: State, error: float, zdot_d: float) -> None:
+    """One tick of the search for a line beyond the resonance of given dynamics, in the error.
+
+    There a harmonic of the motion is one, too: what a further mode makes of it.
+    """
+    ear, lowest, tick = c.hum.beyond, LOWEST_BEYOND * first_resonance(c), c.oscillation.tick
+    if not lowest < HIGHEST_BEYOND:
+        return
+    if (tone := ear.tone) is not None and tone.blocks >= BLOCKS_HEARD and tone.ticks * tick >= TIME_BEYOND:
+        hear_beyond(c, ear, tone)
+        ear.centre, ear.tone = ear.centre * NEXT_BEYOND, None
+    if ear.centre < lowest:
+        ear.centre = HIGHEST_BEYOND
+    if ear.tone is None:
+        ear.tone, ear.power = ToneDetector(ear.centre), 0.0
+    ear.power += error * error
+    ear.tone.update(error, zdot_d)
 
 
 def listen(c: State, error: float, z: float, zdot_d: float, used: bool) -> None:
@@ -379,6 +485,8 @@ def listen(c: State, error: float, z: float, zdot_d: float, used: bool) -> None:
     signals = unexplained(c, z, used) if explains(c) else error, error
     if used:
         judge(c, signals)
+    if c.is_given:
+        listen_beyond(c, error, zdot_d)
     for ear in c.hum.ears:
         if first >= LOWEST_LOAD * tick:
             listen_about(c, ear, first, signals, zdot_d)
