@@ -174,7 +174,8 @@ def identify(
             shown(1, 2)
         final, tried, response = fit_samples(to_fit, taken.volts.size, known, fixed, before=part)
     findings = examine(_examined(record, taken)) if findings is None else findings
-    part, final = (_of_one_family(fit) if findings.one_family else fit for fit in (part, final))
+    loop = abs(findings.loop_width_percent) / 100 * findings.stroke_um
+    part, final = (_of_one_family(fit, loop) if findings.one_family else fit for fit in (part, final))
     of_model = part.model.predict(taken.volts, fs)
     width = _half_width(part.model, taken, train, of_model)
     predicted = of_model + part.drift(taken.volts.size)
@@ -231,11 +232,14 @@ def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
     return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage, zero)
 
 
-def _of_one_family(fit: Fit) -> Fit:
-    """The fit to a record that does not show where inner loops are: the interval of its model knows it."""
+def _of_one_family(fit: Fit, loop: float) -> Fit:
+    """The fit to a record that does not show where inner loops are: the interval of its model knows it.
+
+    `loop` is the mean height of the loop in the record, um.
+    """
     if fit.model.explored is None:
         return fit
-    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model))
+    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model, loop))
     return dataclasses.replace(fit, model=fit.model.replace(explored=explored))
 
 
