@@ -186,7 +186,8 @@ def identify(
     test, residual = _held_out(trace, moved), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     fit = taken.time[final.rows], residual
-    evidence = validation.evidence(trace, fit, white[0], findings, final.drift(taken.volts.size))
+    of_zero = final.drift(taken.volts.size)
+    evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows)
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)
