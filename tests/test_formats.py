@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import openpyxl
 import pytest
+from scipy.io import savemat
 
 from truestroke.identification import RecordError, examine, read_record
 
@@ -196,3 +197,87 @@ def test_a_unit_that_is_not_read_is_not_taken_for_um(tmp_path: Path, unit: str) 
     (file := tmp_path / "a.csv").write_text(TEXT.replace("um", unit))
     with pytest.raises(RecordError, match="`displacement_scale` says how many um one of them is"):
         read_record(file)
+
+
+def _commas(line: str) -> str:
+    return line.replace(".", ",")
+
+
+@pytest.mark.parametrize("head", ["time (s){0}volts (V){0}z (um)\n", ""])
+@pytest.mark.parametrize("separator", [";", "\t", " ", ","])
+@pytest.mark.parametrize("options", [{}, {"drop_bad_rows": True}])
+def test_decimal_commas_in_some_rows_are_named(
+    tmp_path: Path, separator: str, head: str, options: dict[str, bool]
+) -> None:
+    """Without the rows of one kind half of the motion is lost, in silence."""
+    rows = [line.replace(".", ",").replace(" ", separator) if k % 3 == 0 else line.replace(" ", separator)
+            for k, line in enumerate(each.replace(",", " ") for each in LINES)]  # fmt: skip
+    (file := tmp_path / "a.csv").write_text(head.format(separator) + "\n".join(rows))
+    with pytest.raises(RecordError, match=r"has decimal commas .* decimal points .*: write decimal points in all rows"):
+        read_record(file, **options)
+
+
+def test_decimal_commas_from_some_row_on_are_named(tmp_path: Path) -> None:
+    """Behind the rows of which the layout is found; one such row alone is a damaged one."""
+    lines = [line.replace(",", ";") for line in LINES] * 3
+    times = [f"{k / 100:.2f};{line.split(';', 1)[1]}" for k, line in enumerate(lines)]
+    rows = times[:250] + [_commas(line) for line in times[250:]]
+    (file := tmp_path / "a.csv").write_text("time (s);volts (V);z (um)\n" + "\n".join(rows))
+    with pytest.raises(RecordError, match=r"line 252 has decimal commas .*line 2 decimal points"):
+        read_record(file, drop_bad_rows=True)
+    rows = [*times[:250], _commas(times[250]), *times[251:]]
+    file.write_text("time (s);volts (V);z (um)\n" + "\n".join(rows))
+    assert read_record(file, drop_bad_rows=True).dropped == 1
+
+
+@pytest.mark.parametrize("head", ["time\tvolts\tz\n", "time volts z\n", ""])
+def test_tabs_and_blanks_separate_alike(tmp_path: Path, head: str) -> None:
+    ways = "{}\t{}\t{}", "{}  {} {}", "{} {}\t{}"
+    rows = [ways[k % 3].format(*line.split(",")) for k, line in enumerate(LINES)]
+    for first in range(3):
+        (file := tmp_path / "a.txt").write_text(head + "\n".join(rows[first:]))
+        assert np.allclose(read_record(file).displacement, MOVED[first:], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "the file is empty"),
+        ("\n \n", "the file is empty"),
+        (
+            "time,volts,z\n" + "0.1,2.0,\u22123.0\n" + "\n".join(LINES),
+            "leave it out; it has minus signs of .*: write -",
+        ),
+    ],
+)
+def test_what_is_wrong_at_the_beginning_is_said(tmp_path: Path, text: str, words: str) -> None:
+    (file := tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordError, match=words):
+        read_record(file)
+
+
+def test_matrices_of_matlab_beside_other_variables(tmp_path: Path) -> None:
+    """A scope writes one beside its settings, Simulink one beside the time."""
+    matrix = np.array([[float(cell) for cell in line.split(",")] for line in LINES])
+    savemat(file := tmp_path / "scope.mat", {"ScopeData": matrix, "note": "bench 3", "gain": 2.0})
+    assert np.allclose(read_record(file).displacement, matrix[:, 2])
+    savemat(file, {"out": {"time": matrix[:, 0], "signals": {"values": matrix[:, 1:], "label": "a"}}})
+    record = read_record(file, volts="out/signals/values:1", displacement="out/signals/values:2")
+    assert np.allclose(record.displacement, matrix[:, 2])
+    with pytest.raises(RecordError, match="column 2 'out/signals/values:1'"):
+        read_record(file)
+    each = np.array([(matrix[:, 0], matrix[:, 1])] * 2, dtype=[("t", "O"), ("u", "O")])
+    savemat(file, {"run": each})
+    with pytest.raises(RecordError, match=r"no array of numbers by itself.*'-struct'"):
+        read_record(file)
+
+
+@pytest.mark.parametrize(("role", "unit"), [("volts", "kV/cm"), ("volts", "mA"), ("displacement", "microstrain")])
+def test_a_field_and_a_strain_need_a_scale(tmp_path: Path, role: str, unit: str) -> None:
+    units = {"volts": "V", "displacement": "um"} | {role: unit}
+    (file := tmp_path / "a.csv").write_text(
+        "time (s),a ({volts}),b ({displacement})\n".format(**units) + "\n".join(LINES)
+    )
+    with pytest.raises(RecordError, match=f"`{role}_scale` says how many"):
+        read_record(file, volts=2, displacement=3)
+    assert read_record(file, volts=2, displacement=3, **{f"{role}_scale": 2.0}).columns[role].stated

@@ -6,6 +6,7 @@ from benchmarks import foreign_records as foreign
 from benchmarks import unseen_records
 
 from truestroke import SettingError, _kernel
+from truestroke.control import interval
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.explored import Explored, places, spread
 from truestroke.identification import identify, load_model, save_model, score
@@ -66,6 +67,30 @@ def test_an_interval_knows_that_one_sine_shows_no_inner_loops(seed):
     assert np.mean(off[t.size :] < width[t.size :]) > 0.9
     assert np.mean(off[: t.size] < width[: t.size]) < 0.98  # and of its own loop as many as before
     assert 0.2 < found.model.explored.inner < 0.35
+
+
+def test_the_height_of_a_loop_is_not_that_at_the_speed_of_a_step():
+    """One sine and two steps, 8 ms late: at their speed the model is late by seven strokes, and so was the interval."""
+    fs = 500.0
+    t = foreign.clock(12.0, fs)
+    v = np.select([t < 8, t < 9], [0.85 * foreign.sine(t, 2.0), 0.9], 0.15 + 0.7 * foreign.sine(t, 2.0))
+    small = np.append(v, 0.2 + 0.5 * foreign.sine(t, 1.3))
+    z = 20 * foreign.late(np.arange(small.size) / fs, foreign.generalised_plays(small), 0.008)
+    z += np.random.Generator(np.random.PCG64(3)).normal(0, 0.05, z.size)
+    found = identify((100 * v, z[: t.size], fs))
+    off = (z - found.model.predict(100 * small, fs))[t.size :]
+    width = found.model.interval(100 * small, fs)[t.size :]
+    assert np.mean(np.abs(off) < width) > 0.9
+    assert np.median(width) < 0.2 * found.model.stroke
+
+
+def test_strokes_that_decay_keep_the_height_of_their_largest_loop():
+    """The mean over their travel is lower; only what is late at a speed of steps is not that of a loop."""
+    known = model(usual_velocity=1e4)
+    assert interval.inner(known, 1e-3) == interval.inner(known) > 0.02
+    late = known.replace(delay=0.01)
+    assert interval.inner(late) == interval.WIDEST
+    assert interval.inner(late, 1.0) < 0.05
 
 
 def test_only_a_record_without_inner_loops_has_the_height_of_its_loop_in_the_interval():

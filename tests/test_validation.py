@@ -125,6 +125,25 @@ def test_an_error_beyond_the_fitted_range_is_no_verdict_on_a_model_that_fits_all
     assert any("score the model" in reason for reason in said.reasons) == (level == "doubtful")
 
 
+@pytest.mark.parametrize(("fitted_from", "grows", "says"), [(2.0, 16.0, True), (0.0, 16.0, False), (2.0, 18.5, False)])
+def test_an_error_from_the_first_voltage_on_that_was_not_fitted(fitted_from: float, grows: float, says: bool) -> None:
+    """The rows of the first 2 s are of unknown states: those fitted behind them have not been at low voltages.
+
+    What such voltages have switched stays, so that the error looks slow. Where it grows later it has another reason.
+    """
+    low, high = np.quantile(X, [0.3, 0.9])
+    x = np.where((T < 2.0) | (T > 16.0), np.minimum(X, high), np.clip(X, low, high))
+    error = np.where(grows < T, 0.5, 0.0) + np.where(T < 2.0, 0.3, 0.0) + NOISE
+    trace = Trace(T, x, x + error, T >= 0.0, RATE, "", (), x, 0 * x + 1, T >= 12.0)
+    findings = examine(Record.from_arrays(x, x + NOISE, sample_rate=RATE))
+    rows = np.flatnonzero((fitted_from <= T) & (T < 12.0))
+    found = dataclasses.replace(evidence(trace, (T, NOISE), np.array([1.0, 0.1]), findings, rows=rows), over_fitted=5.0)
+    assert (found.until_left < 0.5) == says
+    reasons = verdict(found, HeldOut(0.35, 0.5, 3.5, 5.0, 8000, 0.95), findings).reasons
+    assert any("until it goes beyond the voltages of the fitted rows at 16." in reason for reason in reasons) == says
+    assert any("is slow" in reason for reason in reasons) != says
+
+
 @pytest.mark.parametrize(("slow", "level"), [(0.99, "doubtful"), (0.5, "bad")])
 def test_a_zero_that_drifts_does_not_make_the_motion_bad(slow: float, level: str) -> None:
     """6 % of error of which next to all is slow: without it 0.6 %."""

@@ -25,6 +25,7 @@ OF_LAG = 2.0  # deviations of the lag by which motion that is faster than the re
 OF_RESPONSE = 0.15  # of 1 / (2 pi F): the same by a response that the record does not test
 INNER = 1.33  # of the loop's height at a voltage, and of its mean height over the stroke: the deviation inside of it
 WIDEST = 0.6  # of that height: the same at most
+HIGHER = 1.5  # times the loop of the record: a model whose loop is higher has it at the speed of a step
 INSIDE = 0.1  # of the voltage range: so far from the loop of the record motion is inside of it
 LOOP = 200  # samples of a stroke
 TRAVEL = 0.98  # of a record's travel is no faster than the speed that it shows: one step shows no speed
@@ -141,13 +142,25 @@ def of_speed(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> Flo
     return np.asarray(late * faster**2)
 
 
-def inner(model: ActuatorModel) -> float:
+def inner(model: ActuatorModel, width: float = math.inf) -> float:
     """`Explored.inner` of the model of a record with one family of loops: `INNER` of their mean height over the stroke.
 
     What makes the largest loop wider than that of stacks makes inner loops less like it: friction, saturation.
+
+    Parameters
+    ----------
+    model : ActuatorModel
+        Of the record.
+    width : float
+        Mean height of the loop in the record, um. Where that of the model is more than `HIGHER` times as high, its pace
+        is that of steps, at which what is late is further apart than the loop: the share is of the record's, or of the
+        model's without what is late, if that is higher, as of strokes that decay.
     """
-    low, high = model.voltage_range
-    return min(INNER * float(_height(model, np.linspace(low, high, LOOP)).mean()) / model.stroke, WIDEST)
+    at = np.linspace(*model.voltage_range, LOOP)
+    mean = seen = float(_height(model, at).mean())
+    if mean > HIGHER * width:
+        seen = max(width, float(_height(model.replace(delay=0.0, time_constant=0.0), at).mean()))
+    return min(INNER * seen / model.stroke, WIDEST) * (seen / mean if mean else 1.0)
 
 
 def of_inner_loops(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:

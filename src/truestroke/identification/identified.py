@@ -174,7 +174,8 @@ def identify(
             shown(1, 2)
         final, tried, response = fit_samples(to_fit, taken.volts.size, known, fixed, before=part)
     findings = examine(_examined(record, taken)) if findings is None else findings
-    part, final = (_of_one_family(fit) if findings.one_family else fit for fit in (part, final))
+    loop = abs(findings.loop_width_percent) / 100 * findings.stroke_um
+    part, final = (_of_one_family(fit, loop) if findings.one_family else fit for fit in (part, final))
     of_model = part.model.predict(taken.volts, fs)
     width = _half_width(part.model, taken, train, of_model)
     predicted = of_model + part.drift(taken.volts.size)
@@ -185,7 +186,8 @@ def identify(
     test, residual = _held_out(trace, moved), final.residual
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     fit = taken.time[final.rows], residual
-    evidence = validation.evidence(trace, fit, white[0], findings, final.drift(taken.volts.size))
+    of_zero = final.drift(taken.volts.size)
+    evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows)
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)
@@ -231,11 +233,14 @@ def _held_out(trace: Trace, moved: FloatArray) -> HeldOut:
     return HeldOut(rmse, maximum, 100 * rmse / stroke, 100 * maximum / stroke, error.size, coverage, zero)
 
 
-def _of_one_family(fit: Fit) -> Fit:
-    """The fit to a record that does not show where inner loops are: the interval of its model knows it."""
+def _of_one_family(fit: Fit, loop: float) -> Fit:
+    """The fit to a record that does not show where inner loops are: the interval of its model knows it.
+
+    `loop` is the mean height of the loop in the record, um.
+    """
     if fit.model.explored is None:
         return fit
-    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model))
+    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model, loop))
     return dataclasses.replace(fit, model=fit.model.replace(explored=explored))
 
 

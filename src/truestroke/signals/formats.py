@@ -55,8 +55,8 @@ UNREADABLE = {
 """What keeps a line from being numbers, and the remedy."""
 
 
-def unreadable(line: str) -> str:
-    """Why a line is no row of numbers, and the remedy; what such a row is where nothing is known.
+def unreadable(line: str, usual: str = "; a row has numbers alone, between them , ; tabs or blanks") -> str:
+    """Why a line is no row of numbers, and the remedy; `usual`, what such a row is, where nothing is known.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def unreadable(line: str) -> str:
     ('; it has hexadecimal numbers: write decimal ones', '; a row has numbers alone, between them , ; tabs or blanks')
     """
     found = next((words for pattern, words in UNREADABLE.items() if pattern.search(line)), "")
-    return f"; it {found}" if found else "; a row has numbers alone, between them , ; tabs or blanks"
+    return f"; it {found}" if found else usual
 
 
 def other(path: Path) -> str:

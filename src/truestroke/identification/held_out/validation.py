@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
@@ -45,6 +46,9 @@ SLOW = 0.5, 0.8  # the same by time, which few means show by chance; and where i
 LONG_STROKES = 90.0  # per cent of the strokes are shorter than those that are compared
 TESTED = 0.5  # of the length of the record's strokes, in the held-out part: below, long ones are not tested
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
+LEFT_BY = 0.02  # of that range: so far outside of it a voltage is another one
+SOON = 0.1  # of the held-out rows behind the first of those: then the error has grown
+UNTIL_THEN = 0.5, 0.2  # of the error, and of the held-out rows: before it leaves the range, at most, and at least
 FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
 DRIFTED = 10.0  # % of peak-to-peak within a record: a zero that drifts further is not there where it was
@@ -96,6 +100,9 @@ class Evidence:
     range_beyond, speed_beyond, strokes_beyond : float
         By which share of those of the fitted part the held-out part exceeds range and speed of the voltage, and the
         length that a tenth of its strokes have.
+    left_s, until_left : float
+        From when on the voltage of the held-out part is outside of that of the fitted rows, s, and the rms error until
+        then over that of the whole part; 0 and 1 where it never is, or so from the beginning.
     """
 
     over_noise: float
@@ -120,6 +127,8 @@ class Evidence:
     range_beyond: float
     speed_beyond: float
     strokes_beyond: float
+    left_s: float = 0.0
+    until_left: float = 1.0
 
 
 # ---- Evidence --------------------------------------------------------------------------------------------------------
@@ -131,10 +140,12 @@ def evidence(
     autocorrelation: FloatArray,
     findings: Findings,
     drift: FloatArray | float = 0.0,
+    rows: npt.NDArray[np.intp] | None = None,
 ) -> Evidence:
     """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um.
 
-    `drift` is that of the zero by this fit, um.
+    `drift` is that of the zero by this fit, um; `rows` are those to which the model of the trace was fitted, by default
+    all of its first part.
     """
     times, residual = fit
     fitted, tested = trace.known & ~trace.held_out, trace.judged
@@ -162,7 +173,26 @@ def evidence(
         residual_percent=100 * rms(residual) / float(np.ptp(trace.displacement)),
         strokes_tested=_over(_long(trace.volts[tested]), _long(trace.volts[trace.known])),
         **_beyond(trace, fitted, tested),
+        **_left(trace, np.flatnonzero(fitted) if rows is None else rows, tested),
     )
+
+
+def _left(trace: Trace, rows: npt.NDArray[np.intp], tested: Any) -> dict[str, float]:
+    """From when on the held-out part is at voltages that the fitted rows do not have, and the error until then.
+
+    Of hysteresis it is not the error at these voltages alone: what they have switched stays. An error that grows later
+    than `SOON` has another reason.
+    """
+    at = np.flatnonzero(tested)
+    x, low, high = trace.volts[at], trace.volts[rows].min(), trace.volts[rows].max()
+    outside = np.maximum(x - high, low - x) > LEFT_BY * (high - low)
+    first = int(outside.argmax())
+    if not outside.any() or first < UNTIL_THEN[1] * at.size:
+        return {}
+    error = rms(trace.residual[at])
+    if rms(trace.residual[at[first : first + max(round(SOON * at.size), 1)]]) < UNTIL_THEN[0] * error:
+        return {}
+    return {"left_s": float(trace.time[at[first]]), "until_left": _over(rms(trace.residual[at[:first]]), error)}
 
 
 def _over(value: float, other: float) -> float:
@@ -378,9 +408,12 @@ def _of_modes(dynamics: Dynamics, findings: Findings) -> Iterator[tuple[Level, s
 def _worse(found: Evidence, findings: Findings) -> str:
     """Why the held-out part is predicted worse than the fitted one."""
     text = f"The held-out part is predicted {_times(found.over_fitted)} worse than the fitted one"
+    other = ", or score the model, which is fitted to all, on another record" if found.residual_percent < FITS else ""
+    if found.until_left < UNTIL_THEN[0]:
+        share = f"{figures(found.until_left, 2)} of its error until it goes beyond the voltages of the fitted rows"
+        return f"{text}: it has {share} at {found.left_s:.4g} s. Record the whole range first{other}."
     if found.range_beyond > BEYOND:
         share = f"{100 * found.range_beyond:.0f} % beyond the voltages of the fitted part"
-        other = ", or score the model, which is fitted to all, on another record" if _is_untested(found) else ""
         return f"{text}: it goes {share}. Record the whole range first{other}."
     if found.strokes_beyond > BEYOND and found.time < SLOW[1]:
         share = f"{100 * found.strokes_beyond:.0f} % longer than those of the fitted part"
@@ -413,7 +446,7 @@ def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iter
         yield "doubtful", f"{known} of the mean square error can be predicted: {better}. {use}."
     if _is_noise(found, held_out):
         return
-    if found.time > SLOW[0]:
+    if found.time > SLOW[0] and not found.until_left < UNTIL_THEN[0]:
         slow = f"{100 * found.time:.0f} % of the error is slow: drift, creep, or a zero that moved"
         yield "doubtful", f"{slow}. Record for longer, warmed up, with a rest at the end."
     causes = {

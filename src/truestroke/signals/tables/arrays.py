@@ -88,7 +88,25 @@ def _mat(path: Path) -> Table:
         return _hdf5(path)
     files.check_size(path, "its variables", sum(8 * math.prod(shape) for _, shape, _ in whosmat(path)))
     held = _flat({name: v for name, v in loadmat(path, simplify_cells=True).items() if not name.startswith("__")})
-    return _arrays(path, list(held), [""] * len(held), lambda name: np.asarray(held[name]))
+    held = _by_columns({name: np.asarray(value) for name, value in held.items()})
+    if not held:
+        reason = "it has no array of numbers by itself, only arrays of structs, or cells"
+        raise RecordError(
+            str(path), f"{reason}; save the fields of one, as by s = run(1); save('run1.mat', '-struct', 's')"
+        )
+    return _arrays(path, list(held), [""] * len(held), held.__getitem__)
+
+
+def _by_columns(held: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    """A matrix beside texts and single numbers alone; one beside signals, as of Simulink, by columns such as "y:1"."""
+    signals = {name: a for name, a in held.items() if a.dtype.kind in "iuf" and a.size >= FEWEST}
+    if len(signals) == 1 and next(iter(signals.values())).ndim == 2:
+        return signals
+    columns: dict[str, npt.NDArray[Any]] = {}
+    for name, a in held.items():
+        wide = name in signals and a.ndim == 2 and 1 < a.shape[1] < FEWEST <= a.shape[0]
+        columns |= {f"{name}:{k + 1}": a[:, k] for k in range(a.shape[1])} if wide else {name: a}
+    return columns
 
 
 def _flat(held: Mapping[str, Any], group: str = "") -> dict[str, Any]:

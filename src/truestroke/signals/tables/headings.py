@@ -15,6 +15,8 @@ OTHERS = (
     *("in", "a"),
     *("count", "counts", "lsb", "digit", "digits", "code", "codes", "px", "pixel", "pixels"),
     *("%", "percent", "ppm", "db", "a.u.", "arb.", "arb. u.", "arb. units"),
+    *("kv/cm", "kv/mm", "v/m", "v/cm", "v/mm", "v/um", "mv/m", "ma", "ka/m", "oe", "mt"),  # fields and currents
+    *("strain", "microstrain", "ustrain", "ue", "u\u03b5"),
 )
 """Further units, in lower case, that a column is not read in."""
 

@@ -19,6 +19,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.signals import formats
 from truestroke.signals.tables.arrays import READERS
 from truestroke.signals.tables.headings import names_and_units, stated_units
+from truestroke.signals.tables.marks import of_blanks, two_marks
 from truestroke.signals.tables.table import PROBE, RecordError, Table
 
 CHUNK = 1 << 20  # characters of text that are parsed at a time
@@ -92,6 +93,7 @@ def read_text(path: Path, narrowest: int) -> Table:
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
     if layout.separator == ",":
         _refuse_mixed(layout, lines)
+    _refuse_two_marks(path, lines, 0)
     width = len(layout.fields(rows[0]))
     above = lines[: layout.lines_before]
     if found := _general_command_set(above, width):
@@ -166,7 +168,7 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
     for number, line in enumerate(lines):
         if not _is_row(line):
             continue
-        separator = next((s for s in (";", "\t", ",") if s in line), None)
+        separator = _separator(line)
         comma = separator in (";", "\t") and "," in line and "." not in DOTTED_DATE.sub("", line)
         if separator == "," and formats.DECIMAL_COMMAS.fullmatch(line.strip()):
             separator, comma = None, True
@@ -174,16 +176,35 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
         fields = layout.fields(line)
         width = len(fields) if len(fields) >= narrowest and _numeric(fields) else 0
         if width and width == previous:
-            return _from_the_first(layout, lines)
+            return _from_the_first(_of_blanks(layout, lines), lines)
         previous, before = width, number
     shown = f"; line {len(lines)} is {_shown(lines[-1])}" if lines else ""
     columns = "the same number of columns, two or more" if narrowest > 1 else "the same number of columns"
+    if not any(map(str.strip, lines)):
+        raise RecordError(str(path), "the file is empty: was its program ended before it wrote?")
+    _refuse_two_marks(path, lines, 0)
     reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
     marks = next(filter(None, map(formats.thousands, lines)), "")
     shown += marks or formats.unreadable(lines[-1].strip() if lines else "")
     if any(SLASHED_DATE.search(line) for line in lines):
         shown += "; dates such as 03/04/2026 may be of two days: write 2026-04-03, or leave out the column"
     raise RecordError(str(path), reason + shown)
+
+
+def _separator(line: str) -> str | None:
+    """Between the cells of a row; None for white space, as of tabs beside blanks."""
+    separator = next((s for s in (";", "\t", ",") if s in line), None)
+    if separator == "\t" and of_blanks([line]) and "," not in line and _numeric(line.split()):
+        return None
+    return separator
+
+
+def _of_blanks(layout: _Layout, lines: Sequence[str]) -> _Layout:
+    """The same for white space, where tabs separate some rows and blanks others."""
+    if layout.separator != "\t" or layout.comma:
+        return layout
+    rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
+    return replace(layout, separator=None) if of_blanks(rows) else layout
 
 
 def _from_the_first(layout: _Layout, lines: Sequence[str]) -> _Layout:
@@ -212,7 +233,7 @@ def _header(path: Path, layout: _Layout, lines: Sequence[str], width: int) -> tu
     if not all(math.isnan(_number(field)) for field in last):
         number, line = numbered[-1]
         reason = f"{_shown(line)} is neither names nor numbers only; begin such a line with #, or leave it out"
-        raise RecordError(str(path), reason, number, "line")
+        raise RecordError(str(path), reason + formats.unreadable(line, ""), number, "line")
     return names_and_units(last, above[-2] if len(above) > 1 and len(above[-2]) == width else ())
 
 
@@ -242,6 +263,8 @@ def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[Fl
                 _refuse_more(layout, lines, passed)
             passed += len(lines)
             block = _parse(lines, layout, columns)
+            if not np.isfinite(block).all():
+                _refuse_two_marks(layout.path, lines, passed - len(lines))
             table[:, rows : rows + len(block)] = block.T
             rows += len(block)
             if not complete and not np.isfinite(block).all():
@@ -249,6 +272,12 @@ def _columns(layout: _Layout, columns: Sequence[int], complete: bool) -> list[Fl
             if _is_cut(layout, lines):
                 table[:, rows - 1] = np.nan
     return list(table[:, :rows])
+
+
+def _refuse_two_marks(path: Path, lines: Sequence[str], passed: int) -> None:
+    """RecordError for decimal commas in some rows and points in others: without the one kind half of the motion is."""
+    if reason := two_marks((number, line) for number, line in enumerate(lines, passed + 1) if _is_row(line)):
+        raise RecordError(str(path), f"{reason}: write decimal points in all rows")
 
 
 def _refuse_more(layout: _Layout, lines: Sequence[str], passed: int) -> None:
