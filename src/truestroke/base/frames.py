@@ -46,6 +46,24 @@ def sensor_frame(rotation: float, skew: float = 0.0) -> Matrix:
     return (math.cos(r), -math.sin(r)), (math.sin(of_y), math.cos(of_y))
 
 
+def described(frame: Matrix) -> str:
+    """How two sensors stand, in degrees and mrad: an angle that was meant in the other unit is seen. "" for three.
+
+    Examples
+    --------
+    >>> print(described(sensor_frame(0.17)))
+    The sensors are turned by 0.17 degrees (2.97 mrad).
+    >>> print(described(sensor_frame(30.0, -0.5)))
+    The sensors are turned by 30 degrees (524 mrad), and 89.5 degrees apart.
+    """
+    if len(frame) != 2:
+        return ""
+    rotation, of_y = math.atan2(-frame[0][1], frame[0][0]), math.atan2(frame[1][0], frame[1][1])
+    apart = 90.0 + math.degrees(math.remainder(of_y - rotation, math.tau))
+    turned = f"The sensors are turned by {math.degrees(rotation):.3g} degrees ({1e3 * rotation:.3g} mrad)"
+    return f"{turned}." if math.isclose(apart, 90.0, abs_tol=1e-9) else f"{turned}, and {apart:.4g} degrees apart."
+
+
 def matrix(argument: str, value: npt.ArrayLike, axes: int, unit: str = "") -> FloatArray:
     """A matrix of finite numbers with a row and a column for each axis."""
     found = checks.finite_array(argument, value, unit, 2)
