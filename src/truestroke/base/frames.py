@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 
 LEAST = 0.05  # of the largest singular value: sensors that are less independent do not measure all axes
@@ -53,14 +54,14 @@ def described(frame: Matrix) -> str:
     --------
     >>> print(described(sensor_frame(0.17)))
     The sensors are turned by 0.17 degrees (2.97 mrad).
-    >>> print(described(sensor_frame(30.0, -0.5)))
-    The sensors are turned by 30 degrees (524 mrad), and 89.5 degrees apart.
+    >>> print(described(sensor_frame(90.0, -0.5)))
+    The sensors are turned by 90 degrees (1570 mrad), and 89.5 degrees apart.
     """
     if len(frame) != 2:
         return ""
     rotation, of_y = math.atan2(-frame[0][1], frame[0][0]), math.atan2(frame[1][0], frame[1][1])
     apart = 90.0 + math.degrees(math.remainder(of_y - rotation, math.tau))
-    turned = f"The sensors are turned by {math.degrees(rotation):.3g} degrees ({1e3 * rotation:.3g} mrad)"
+    turned = f"The sensors are turned by {math.degrees(rotation):.3g} degrees ({figures(1e3 * rotation)} mrad)"
     return f"{turned}." if math.isclose(apart, 90.0, abs_tol=1e-9) else f"{turned}, and {apart:.4g} degrees apart."
 
 
