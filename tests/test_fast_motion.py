@@ -176,6 +176,19 @@ def test_strain_of_a_sine_is_its_inverse() -> None:
     assert np.abs(stage.strain(dynamics, wave) - wanted)[8000:16_000].max() < 1e-3
 
 
+def test_blocks_of_a_long_motion_join_without_a_seam() -> None:
+    """By superposition: what was before a second period of rest moves nothing behind it, wherever a block ends."""
+    modes = (Mode(frequency=900.0, damping=0.02, share=0.8), Mode(frequency=1400.0, damping=0.005, share=0.2))
+    dynamics = Dynamics(sample_rate=5000.0, modes=modes)
+    short = np.zeros(60_000)
+    short[20_000:40_000] = 10 - 10 * np.cos(2 * np.pi * np.arange(20_000) / 250)
+    expected = stage.strain(dynamics, short)
+    for place in (0, 150_000, 216_000, 222_500, 400_000, 640_000):
+        long = np.zeros(700_000)
+        long[place : place + 60_000] = short
+        assert np.abs(stage.strain(dynamics, long)[place : place + 60_000] - expected).max() < 1e-9 * 20
+
+
 def test_dynamics_that_do_not_fit_are_refused() -> None:
     dynamics = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),))
     known = {"stroke": 24.0, "voltage_limits": LIMITS}

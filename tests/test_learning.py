@@ -472,6 +472,16 @@ def test_voltage_and_slew_stay_within_their_limits():
     assert "more passes" not in " ".join(Learned(passes=tuple(passes), learning=learned).verdict.reasons)
 
 
+@pytest.mark.parametrize(("highest", "level"), [(1.3, "bad"), (2.2, "doubtful")])
+def test_a_motion_of_which_a_limit_cuts_off_much_is_bad(highest, level):
+    """It was doubtful, with exit code 0."""
+    learned = IterativeLearning(raster(20.0), dynamics=dynamics(900.0), gain=10.0, voltage_limits=(0.0, highest))
+    stage = Stage(900.0)
+    made = Learned(passes=tuple(learned.learn(stage.play(learned.volts)[0]) for _ in range(3)), learning=learned)
+    assert made.verdict.level == level, made.best.rmse / np.ptp(learned.desired)
+    assert any("The highest voltage" in reason for reason in made.verdict.reasons)
+
+
 def test_errors_in_the_turns_do_not_count():
     """The learned motion follows the lines of a fast raster three times better than the harmonics alone would."""
     wave = raster(200.0)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
+import PIL.Image
 import pytest
 from docs.site import look
 from hypothesis import given
@@ -283,6 +286,80 @@ def test_labels_of_an_image_that_is_larger_on_a_phone_are_within_the_picture() -
         made.draw_without_rendering()
     for panel in panels:
         assert panel.yaxis.label.get_window_extent().x0 >= 0
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-1e-4, 1e-4), (99_000.0, 99_900.0), (-40.0, 1234.5)])
+def test_all_labels_of_a_picture_for_a_phone_are_within_it(low: float, high: float) -> None:
+    with style.use(style.PAGE):
+        made, panels = style.panels(2.8, 1, 3)
+        for panel in panels:
+            panel.plot([low, high], [low, high])
+            panel.set(title="the worst of them", xlabel="position (um)", ylabel="error (pixels)")
+    assert style.for_phone(made)
+    made.draw_without_rendering()
+    for panel in panels:
+        box = panel.get_tightbbox()
+        assert box is not None
+        assert 0 <= box.x0 < 0.12 * made.bbox.width
+        assert box.x1 <= made.bbox.width
+        assert 0 <= box.y0 < box.y1 <= made.bbox.height
+    boxes = [panel.get_tightbbox() for panel in panels]
+    assert all(above.y0 > below.y1 for above, below in itertools.pairwise(boxes))  # type: ignore[union-attr]
+
+
+def test_a_scale_of_colours_is_whole_on_a_phone() -> None:
+    with style.use(style.PAGE):
+        made, panels = style.panels(3.0, 1, 2, sharey=True)
+        shown = [panel.imshow(np.array([[0.0, 12_345.0]])) for panel in panels]
+        made.colorbar(shown[0], ax=panels, shrink=0.8, pad=0.02).set_label("height (nm)")
+    assert style.for_phone(made)
+    made.draw_without_rendering()
+    image, scale = panels[0].get_position(), made.axes[-1]
+    box = scale.get_tightbbox()
+    assert box is not None
+    assert image.x1 * made.bbox.width < scale.get_position().x0 * made.bbox.width < box.x1 <= made.bbox.width
+    assert box.x1 > 0.9 * made.bbox.width
+
+
+def test_a_picture_for_a_phone_needs_no_layout_and_no_pixels_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both together were a third of the time of the pictures of a page of `scan`."""
+    made = _side_by_side()
+    made.set_layout_engine("none")
+    encoded: list[tuple[int, int]] = []
+    save = PIL.Image.Image.save
+
+    def counted(image: PIL.Image.Image, *arguments: Any, **options: Any) -> None:
+        encoded.append(image.size)
+        save(image, *arguments, **options)
+
+    monkeypatch.setattr(PIL.Image.Image, "save", counted)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: pytest.fail("a layout"))
+    Page(title="", lead="", sections=[Section(plot="a")], plots=lambda _: {"a": made}).html()
+    assert encoded.count((20, 10)) == 6
+
+
+def test_minor_ticks_of_a_logarithmic_axis_are_one_line_where_matplotlib_has_them() -> None:
+    with style.use(style.LIGHT):
+        made, (above, below) = style.panels(3.0, 2, sharex=True)
+        above.plot([3.0, 2500.0], [1.0, 2.0])
+        style.logarithmic(below, "x")
+        below.set_xlim(3.0, 2500.0)
+        expected, (alone, _) = style.panels(3.0, 2, sharex=True)
+        alone.set(xscale="log", xlim=(3.0, 2500.0))
+        alone.xaxis.set_minor_formatter("")
+    assert not below.xaxis.get_minorticklocs().size
+    places = [[float(x) for x in re.findall(r'<use [^>]*x="([^"]*)"', one)] for one in map(_ticks, (made, expected))]
+    assert len(places[0]) == 2 * (7 + 8 + 8 + 1)
+    assert sorted(set(places[0])) == pytest.approx(sorted(set(places[1])), abs=0.02)
+
+
+def _ticks(figure: matplotlib.figure.Figure) -> str:
+    """The picture without what is no tick of the horizontal axis."""
+    for axes in figure.axes:
+        axes.yaxis.set_visible(False)
+        axes.tick_params(axis="x", length=0)
+        axes.set_xticks([])
+    return svg(figure, "a", "")
 
 
 def test_a_panel_keeps_its_own_labels_on_a_phone() -> None:

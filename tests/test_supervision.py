@@ -243,6 +243,20 @@ def test_sensors_at_a_right_angle_are_said_with_the_rotation_that_it_is(degrees:
         examined(axes, plants, order=slice(None, None, -1))
 
 
+def test_cross_talk_is_no_answer_where_another_sensor_has_it() -> None:
+    """3 % of the other axis was taken for the answer of this one: um_per_volt was to be corrected."""
+    axes = [axis(name=name, safe_voltage=0.0) for name in "xy"]
+    moved: list[np.ndarray] = []
+
+    def of_x(z: np.ndarray, _: int) -> np.ndarray:
+        moved.append(z)
+        return z
+
+    plants = [Wired(of_x, 0), Wired(lambda z, k: z + 0.03 * moved[-1], 1)]
+    with pytest.raises(Stop, match=r"axis x: no answer .*; the sensor of axis y answers instead: inputs or outputs"):
+        examined(axes, plants, order=slice(None, None, -1))
+
+
 def test_a_motion_on_the_wrong_side_of_zero_is_shifted_not_made_smaller() -> None:
     """As of y where the sensors are turned by 90 degrees and the scan is where x and y are above 0."""
     down = sine(frequency=4.0, peak_to_peak=10.0, offset=-20.0, duration=1.0)

@@ -89,7 +89,9 @@ typedef enum {
 #ifndef TS_EARS /* detectors that look for a load at the same time; at least 1, which is enough for a law that learns by RLS */
 #define TS_EARS 8
 #endif
-#define TS_HEARD 4 /* lines that nobody has named, at most: two loads, and two beyond the resonance */
+#ifndef TS_HEARD /* lines that nobody has named, at most: two loads, and, where dynamics are given, two beyond their resonance */
+#define TS_HEARD 4
+#endif
 #ifndef TS_LINES /* of hum, and those; TS_HEARD at least */
 #define TS_LINES 10
 #endif

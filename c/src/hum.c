@@ -28,15 +28,13 @@
 #define REFUSED_FOR 5                 /* s: how long a line that was dropped is not heard again, */
 #define NEAR_REFUSED ((ts_real)0.1)   /* nor one so near to it, of its frequency */
 #define HIGHEST_BEYOND ((ts_real)0.42) /* cycles per tick: where the search for a line beyond the resonance begins, */
-#define LOWEST_BEYOND ((ts_real)1.25)  /* times the first resonance of given dynamics: where it ends, */
+#define LOWEST_BEYOND ((ts_real)2.2)   /* times the first resonance of given dynamics: where it ends, */
 #define NEXT_BEYOND ((ts_real)0.7)     /* and how it goes down */
-#define MOST_BEYOND 2                  /* such lines, of TS_HEARD */
+#define MOST_LOADS 2                   /* that are heard at the same time; the others of TS_HEARD are beyond the resonance */
 #define TIME_BEYOND ((ts_real)0.02)    /* s of a centre, at least */
 #define STEADY_BEYOND ((ts_real)0.4)   /* as TS_STEADY_TONE: noise has less in such a time */
 #define AUDIBLE_BEYOND ((ts_real)0.3)  /* times the noise of the law */
-#define LEAST_BEYOND ((ts_real)0.1)    /* share of the mean square of the error, from FAR_BEYOND times the resonance on, */
-#define FAR_BEYOND 2
-#define LEAST_NEAR ((ts_real)0.5)      /* and below */
+#define LEAST_BEYOND ((ts_real)0.1)    /* share of the mean square of the error */
 #define SAME_BEYOND ((ts_real)0.05)    /* of the frequency of such a line: what is heard so near to it is that line */
 #define WIDTH_BEYOND ((ts_real)0.02)   /* of 2 pi times its frequency: how fast the amplitude of such a line follows */
 
@@ -272,7 +270,7 @@ static ts_real loudness_of(const ts_controller *c, int i)
 /* The place of a line that is heard: a free one, or, where as many of its kind were heard before as can be, that of the quietest of them. */
 static int place_of(const ts_controller *c, bool beyond)
 {
-    int of_kind = 0, quietest = 0, most = beyond ? MOST_BEYOND : TS_HEARD - MOST_BEYOND;
+    int of_kind = 0, quietest = 0, most = beyond ? TS_HEARD - MOST_LOADS : MOST_LOADS;
     for (int i = c->settings->hum.lines; i < lines_of(c); i++) {
         if (is_beyond(c, i) != beyond) continue;
         if (of_kind++ == 0 || loudness_of(c, i) < loudness_of(c, quietest)) quietest = i;
@@ -344,11 +342,10 @@ static void demodulate(ts_real *of, const ts_real *turn, ts_real signal, ts_real
     of[1] += rate * (2 * signal * turn[1] - of[1]);
 }
 
-/* Whether what was heard is no line: nothing is there, or the command that takes a load away makes it larger. */
-static bool is_no_line(const ts_load *l, ts_real size)
+/* Whether what was heard is no load: nothing is there, or the command that takes it away makes it larger. */
+static bool is_no_load(const ts_load *l, ts_real size)
 {
     ts_real shows = amplitude_of(l->first), remains = amplitude_of(l->error), most = size > l->announced ? size : l->announced;
-    if (l->beyond > 0) return false; /* it may be quiet since the feedback no longer drives it */
     if (size > DRIVEN_UP * l->announced && remains > l->announced) return true;
     return l->age > JUDGED_AFTER && (remains > most || (size > shows ? size : shows) < NO_LOAD * l->announced);
 }
@@ -366,7 +363,8 @@ static void judge_lines(ts_controller *c, const ts_real *signals)
         demodulate(l->first, h->turn[named + i], signals[0], rate);
         demodulate(l->error, h->turn[named + i], signals[1], rate);
         l->age += tick;
-        if (is_no_line(l, size_of_line(c, named + i))) drop_line(c, i);
+        /* beyond the resonance it may be quiet since the feedback no longer drives it; of other dynamics it is none */
+        if (l->beyond > 0 ? !is_given(c) : is_no_load(l, size_of_line(c, named + i))) drop_line(c, i);
     }
 }
 
@@ -429,13 +427,12 @@ static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
     ts_tone_tick(&e->tone, signals[e->of_error], zdot_d);
 }
 
-/* A tone that was looked for beyond the resonance is a line where it matters: below FAR_BEYOND times the resonance harmonics of the motion
- * show the hysteresis. */
-static void hear_beyond(ts_controller *c, const ts_ear *e)
+/* A tone that was looked for beyond the resonance is a line where it matters. */
+static void hear_beyond(ts_controller *c, const ts_ear *e, ts_real lowest)
 {
-    ts_real shown = ts_tone_of_load(&e->tone, STEADY_BEYOND, 0), amplitude = ts_tone_amplitude(&e->tone), first = first_resonance(c);
-    ts_real share = amplitude * amplitude / 2 * (ts_real)e->tone.passed, least = shown > FAR_BEYOND * first ? LEAST_BEYOND : LEAST_NEAR;
-    if (shown > LOWEST_BEYOND * first && share > least * e->power) hear(c, shown, amplitude, true);
+    ts_real shown = ts_tone_of_load(&e->tone, STEADY_BEYOND, 0), amplitude = ts_tone_amplitude(&e->tone);
+    ts_real share = amplitude * amplitude / 2 * (ts_real)e->tone.passed;
+    if (shown > lowest && share > LEAST_BEYOND * e->power) hear(c, shown, amplitude, true);
 }
 
 /* One tick of the search for a line beyond the resonance of given dynamics, in the error. There a harmonic of the motion is one, too: what a
@@ -447,7 +444,7 @@ static void listen_beyond(ts_controller *c, ts_real error, ts_real zdot_d)
     if (!(lowest < HIGHEST_BEYOND)) return;
     bool anew = !(e->centre > 0);
     if (!anew && e->tone.blocks >= BLOCKS_HEARD && passed >= TIME_BEYOND) {
-        hear_beyond(c, e);
+        hear_beyond(c, e, lowest);
         e->centre *= NEXT_BEYOND;
         anew = true;
     }

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
 
 LEAST = 0.05  # of the largest singular value: sensors that are less independent do not measure all axes
@@ -44,6 +45,24 @@ def sensor_frame(rotation: float, skew: float = 0.0) -> Matrix:
     r = math.radians(checks.within("rotation", rotation, -360.0, 360.0, "degrees"))
     of_y = r + math.radians(checks.within("skew", skew, -80.0, 80.0, "degrees"))
     return (math.cos(r), -math.sin(r)), (math.sin(of_y), math.cos(of_y))
+
+
+def described(frame: Matrix) -> str:
+    """How two sensors stand, in degrees and mrad: an angle that was meant in the other unit is seen. "" for three.
+
+    Examples
+    --------
+    >>> print(described(sensor_frame(0.17)))
+    The sensors are turned by 0.17 degrees (2.97 mrad).
+    >>> print(described(sensor_frame(90.0, -0.5)))
+    The sensors are turned by 90 degrees (1570 mrad), and 89.5 degrees apart.
+    """
+    if len(frame) != 2:
+        return ""
+    rotation, of_y = math.atan2(-frame[0][1], frame[0][0]), math.atan2(frame[1][0], frame[1][1])
+    apart = 90.0 + math.degrees(math.remainder(of_y - rotation, math.tau))
+    turned = f"The sensors are turned by {math.degrees(rotation):.3g} degrees ({figures(1e3 * rotation)} mrad)"
+    return f"{turned}." if math.isclose(apart, 90.0, abs_tol=1e-9) else f"{turned}, and {apart:.4g} degrees apart."
 
 
 def matrix(argument: str, value: npt.ArrayLike, axes: int, unit: str = "") -> FloatArray:

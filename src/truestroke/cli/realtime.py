@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import truestroke
-from truestroke.base import checks, system, toml
+from truestroke.base import checks, frames, system, toml
 from truestroke.base.exit_codes import ExitCode
 from truestroke.base.files import beside
 from truestroke.base.verdict import Verdict
@@ -114,6 +114,8 @@ def follow(
             raise click.UsageError(f"{path}: the recording would replace the configuration; call it run.h5.")
         if path.exists():
             common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
+    if job.frame is not None and not as_json and (turned := frames.described(job.frame)):
+        common.print_text(turned, err=True)
     common.foretell("the run takes", job.axes[0].trajectory.duration, as_json)
     outcome = run_realtime(job.driver, job.axes, file, server=server, **options)
     recordings = {

@@ -44,6 +44,8 @@ FOUND_DAMPING = 0.02  # of a stage that was found by its oscillation
 STEP_TERMS = 32  # of a series: enough up to half of the sample rate
 KEPT = 2**19 + 1  # frequencies whose inverse is computed, and kept for the next motion, at a time: 8 MB
 QUIET = 0.2  # s: rest before and after a motion, for its inversion
+BLOCK = 2**18  # ticks of a longer motion that are inverted at a time
+FADED = 2000.0  # over the width of the edge of the inverse, in Hz: s after which its response has decayed to 1e-12
 
 
 def members(dynamics: Dynamics) -> dict[str, Any]:
@@ -403,19 +405,41 @@ def strain(dynamics: Dynamics, position: FloatArray, *, amplifier: bool = False)
 def strain_within(
     dynamics: Dynamics, position: FloatArray, bounds: tuple[float, float], *, amplifier: bool = False
 ) -> FloatArray:
-    """`strain` with these bounds, in first resonances."""
+    """`strain` with these bounds, in first resonances; of a long motion in blocks, for their memory."""
     rate = dynamics.sample_rate
-    quiet = round(QUIET * rate)
-    size = 2 ** math.ceil(math.log2(position.size + 2 * quiet))
-    extended = np.full(size, position[0])
-    extended[quiet : quiet + position.size] = position
-    _way_back(position, extended[quiet + position.size :], rate)
-    known = rate, dynamics.modes, dynamics.amplifier_bandwidth, dynamics.dead_time
-    spectrum = np.fft.rfft(extended)
-    del extended  # of a long scan some ten MB, as each of those here
-    for start in range(0, spectrum.size, KEPT):
-        spectrum[start : start + KEPT] *= _inverse(*known, size, bounds, start, amplifier=amplifier)
-    return np.fft.irfft(spectrum, size)[quiet : quiet + position.size].copy()  # without what is around it
+    low, high = _bounds(rate, dynamics.modes[0].frequency, bounds)
+    margin = math.ceil(FADED / (high - low) * rate)
+    size = max(BLOCK, 2 ** math.ceil(math.log2(6 * margin)))
+    quiet, step = margin, size - 3 * margin
+    if position.size <= size:
+        quiet, step = round(QUIET * rate), position.size
+        size = 2 ** math.ceil(math.log2(step + 2 * quiet))
+    inverted = functools.partial(
+        _inverse, rate, dynamics.modes, dynamics.amplifier_bandwidth, dynamics.dead_time, size, bounds
+    )
+    found = np.empty(position.size)
+    for start in range(0, position.size, step):
+        spectrum = np.fft.rfft(_extended(position, start - quiet, size, rate))
+        for one in range(0, spectrum.size, KEPT):
+            spectrum[one : one + KEPT] *= inverted(one, amplifier=amplifier)
+        found[start : start + step] = np.fft.irfft(spectrum, size)[quiet : quiet + min(step, position.size - start)]
+    return found
+
+
+def _extended(position: FloatArray, first: int, size: int, rate: float) -> FloatArray:
+    """So many ticks of a motion, from tick `first` on: at rest before it, and behind it on its way back."""
+    made = np.full(size, position[0])
+    known = position[max(first, 0) : first + size]
+    ends = max(-first, 0) + known.size
+    made[ends - known.size : ends] = known
+    _way_back(position, made[ends:], rate)
+    return made
+
+
+def _bounds(rate: float, first: float, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Frequencies up to which a stage is inverted in full, and above which it is not, Hz."""
+    low, high = (min(a * first, b * rate) for a, b in zip(bounds, VISIBLE, strict=True))
+    return low, high
 
 
 @functools.lru_cache(maxsize=8)  # of one motion and of those of the axes beside it, of 4 million ticks
@@ -434,7 +458,7 @@ def _inverse(
     dynamics = Dynamics(sample_rate=rate, modes=modes, amplifier_bandwidth=bandwidth, dead_time=dead_time)
     first = modes[0].frequency
     f = np.fft.rfftfreq(size, 1 / rate)[start : start + KEPT]
-    low, high = (min(a * first, b * rate) for a, b in zip(bounds, VISIBLE, strict=True))
+    low, high = _bounds(rate, first, bounds)
     passed = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - low) / (high - low), 0.0, 1.0))
     inverse = np.zeros_like(passed, dtype=complex)
     inside = passed > 0

@@ -17,7 +17,7 @@ import truestroke
 from truestroke.base import checks, files
 from truestroke.base.checks import SettingError
 from truestroke.control.controller import AdaptiveController
-from truestroke.control.reference.hum import EARS, HEARD
+from truestroke.control.reference.hum import EARS, HEARD, MOST_LOADS
 from truestroke.control.repeating.repetition import RepetitionSettings
 from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.control.settings import ControllerSettings, kernel_settings
@@ -129,7 +129,7 @@ def export_c(
     >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = export_c(controller, folder, precision="single")
-    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 14_100
+    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 14_400
     (26, True)
     """
     if precision is not None:
@@ -200,6 +200,7 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
     needed = max(LEAST_HISTORY[settings.law], 2 * max(members["dynamics.dead"], members["sensor.ticks"]) + 8)
     if history is not None and checks.count("history", history, 1, MOST_HISTORY) < needed:
         raise SettingError("history", history, f"{needed} or more for this law and dead time", "ticks")
+    heard = HEARD if members["dynamics.known"] else MOST_LOADS
     return {
         "TS_MAX_PLAYS": settings.plays,
         "TS_MAX_DEAD_ZONES": members["dead_zones"],
@@ -211,7 +212,8 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
         "TS_MAX_SENSED": settings.parameters if members["sensor.share"] or members["sensor.lag"] else 1,
         "TS_SECTIONS": max(1, *(members[f"dynamics.{kind}"] for kind in ("sections", "others", "modes"))),
         "TS_FEEDBACKS": max(1, members["feedback.filters"]),
-        "TS_LINES": members["hum.lines"] + HEARD,
+        "TS_HEARD": heard,
+        "TS_LINES": members["hum.lines"] + heard,
         "TS_EARS": EARS if settings.law == "kalman" else 1,
         "TS_HISTORY": needed if history is None else history,
     }

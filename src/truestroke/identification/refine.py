@@ -35,6 +35,7 @@ SAME = 0.03  # of the waveform's peak-to-peak, rms: how far the recorded voltage
 EARLIER = 0.5  # of what the voltage has changed since an earlier pass, and of its motion: a nearer record is of it
 WORSE = 1.05  # times the best pass of the same motion: a pass that is worse is undone
 OTHER = 0.5  # of the deviation of the displacement: a record with a larger residual is not of the model's actuator
+AGAINST = 0.5  # correlation with what the model predicts, below which with the other sign a sensor has turned its sign
 WHOLE = 0.02  # samples: a shift that is nearer to a whole number is one
 EXPLAINED = (
     2.0  # times the noise, of the model or of the pass: a refit that leaves more has learned what is no hysteresis
@@ -214,6 +215,8 @@ def refine(
     if new > OTHER * (spread := float(np.std(z[skip * data.every :]))):
         value = f"one of which the refined model leaves {new:.3g} um rms"
         bound = f"of the model's actuator, in the same units: it moves by {spread:.3g} um rms"
+        if float(np.corrcoef(z, z - before)[0, 1]) < -AGAINST:
+            bound += "; it falls as the voltage rises: `flip_displacement` turns its sign"
         raise SettingError("record", value, bound)
     error = None if waveform is None else z - waveform.desired
     fitted = fitted.replace(before=model.replace(before=None))
@@ -416,7 +419,7 @@ def _aligned(record: Record, waveform: Waveform) -> tuple[FloatArray, FloatArray
     grid = start + np.arange(int((stop - start) * fs * (1 + 1e-9)) + 1) / fs
     spare = grid.size - wanted.size
     if spare < 0:
-        bound = f"at least as long as the waveform, {wanted.size / fs:g} s"
+        bound = f"at least as long as the waveform, {wanted.size / fs:g} s: record until it has ended"
         raise SettingError("record", f"{grid.size / fs:g} s", bound)
     x = np.interp(grid, time, volts)
     squares = np.concatenate([[0.0], np.cumsum(x**2)])
@@ -433,10 +436,19 @@ def _aligned(record: Record, waveform: Waveform) -> tuple[FloatArray, FloatArray
     off = rms(x - wanted)
     if off > SAME * np.ptp(wanted):
         value = f"a voltage that differs from the waveform's by {off:.3g} V rms"
-        bound = f"within {SAME * np.ptp(wanted):.3g} V of it: is it the recording of this waveform, in the same volts?"
-        raise SettingError("record", value, bound)
+        bound = f"within {SAME * np.ptp(wanted):.3g} V of it: is it the recording of this waveform, in the same volts, "
+        raise SettingError("record", value, bound + "at the sample rate at which it was put out?" + _scaled(x, wanted))
     _refuse_earlier(x, z, waveform)
     return x, z, fs
+
+
+def _scaled(x: FloatArray, wanted: FloatArray) -> str:
+    """A remedy, where a voltage is a multiple of the one that was put out, as behind an amplifier; else ""."""
+    times = float(x @ wanted / (wanted @ wanted))
+    if times <= 0.0 or rms(x - times * wanted) > SAME * times * np.ptp(wanted):
+        return ""
+    remedy = f"behind an amplifier or a monitor the record needs `volts_scale` {1 / times:.4g}"
+    return f" It is {times:.4g} times the waveform's: {remedy}"
 
 
 def _refuse_earlier(x: FloatArray, z: FloatArray, waveform: Waveform) -> None:

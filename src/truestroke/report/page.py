@@ -28,7 +28,8 @@ from truestroke.report.style import Theme
 IN_SCRIPT = str.maketrans({"<": "\\u003c", "&": "\\u0026"})  # letters of HTML and XML inside JSON
 NARROW = 0.85  # of the standard width: a picture that is narrower is shown whole on a phone, others are as large there
 IMAGE = re.compile(
-    r'<image xlink:href="(?P<pixels>[^"]*)" id="(?P<id>[^"]*)"[^>]*transform="matrix\((?P<matrix>[^)]*)\)"[^>]*/>'
+    r'<image xlink:href="[^"]*" id="(?P<id>[^"]*)" width="(?P<width>[^"]*)" height="(?P<height>[^"]*)" '
+    r'transform="matrix\((?P<matrix>[^)]*)\)"[^>]*/>'
 )
 Plots = Callable[[Theme], Mapping[str, Figure]]
 """Makes all plots of a page, by name, in one theme."""
@@ -235,26 +236,29 @@ def svg(figure: Figure, name: str, description: str) -> str:
 def _svgs(figure: Figure, name: str, description: str) -> str:
     """The figure as on a page and, where a phone needs another, as there; the style sheet shows one of them.
 
-    The pixels of an image are there once.
+    The pixels of an image are there once: in the second picture one empty pixel stands in for them, and their place.
     """
     wide = svg(figure, name, description)
     if not style.for_phone(figure):
         return wide
-    firsts = {image["pixels"]: image for image in IMAGE.finditer(wide)}
+    firsts = list(IMAGE.finditer(wide))
+    for shown in (one for axes in figure.axes for one in axes.images) if firsts else ():
+        shown.set_extent(shown.get_extent())
+        shown.set_data(np.zeros((1, 1, 4)))
+    following = iter(firsts)
 
     def again(image: re.Match[str]) -> str:
-        first = firsts.get(image["pixels"])
-        if first is None:
-            return image[0]
-        (xx, yx, xy, yy, x, y) = (_matrix(image) @ np.linalg.inv(_matrix(first)))[:2].T.ravel()
+        first = next(following)
+        (xx, yx, xy, yy, x, y) = (_place(image) @ np.linalg.inv(_place(first)))[:2].T.ravel()
         return f'<use xlink:href="#{first["id"]}" transform="matrix({xx:g} {yx:g} {xy:g} {yy:g} {x:.6f} {y:.6f})"/>'
 
     return wide + IMAGE.sub(again, svg(figure, f"{name}-phone", description))
 
 
-def _matrix(image: re.Match[str]) -> FloatArray:
-    """Where an image is: its matrix, of shape (3, 3)."""
-    return np.vstack([np.reshape([float(x) for x in image["matrix"].split()], (3, 2)).T, [0.0, 0.0, 1.0]])
+def _place(image: re.Match[str]) -> FloatArray:
+    """Where an image is: the matrix, of shape (3, 3), that moves the square of 0 to 1 there."""
+    moved = np.reshape([float(x) for x in image["matrix"].split()], (3, 2)).T
+    return np.vstack([moved * [float(image["width"]), float(image["height"]), 1.0], [0.0, 0.0, 1.0]])
 
 
 @cache

@@ -9,10 +9,19 @@ from typing import Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backend_bases import RendererBase
+from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
+from matplotlib.text import Text
+from matplotlib.textpath import text_to_path
+from matplotlib.ticker import Locator, NullLocator
 from matplotlib.transforms import Bbox, BboxBase
 
 from truestroke.base import files
@@ -20,9 +29,10 @@ from truestroke.base.typing import FloatArray
 
 WIDTH = 7.0  # in, two columns of a journal
 PHONE = 3.3  # in: letters of 8 points are 12 pixels high on a phone
-BESIDE, ABOVE = 0.55, 0.35  # in: what the labels of images take of the width of such a picture, of the height of a row
-LEGEND, BAR = 0.25, 0.5  # in: height of a legend of such a picture, width of a scale of colours
-EDGE = 0.03  # of the width of such a picture: what the layout does not see of the labels of images
+LEGEND, BAR = 0.25, 0.12  # in: height of a legend of such a picture, width of a scale of colours
+SHARE = 0.8  # of the height, of such a scale
+EDGE, GAP = 0.06, 0.08  # in, beside what is outermost in such a picture, and between panels and their labels
+LINE = 1.2  # height of a line of text over that of its letters
 DPI, VECTOR_DPI = 200, 72  # of images; of SVG and PDF
 COLUMNS = 900  # pixel columns of a panel, for thinning
 ROLES = ("background", "text", "muted", "grid", "desired", "true", "measured", "before", "alarm", "wrong")
@@ -104,6 +114,8 @@ def _parameters(theme: Theme) -> dict[Any, Any]:
         "axes.titlelocation": "left",
         "axes.titlesize": 9,
         "axes.titlepad": 5,
+        "axes.titley": 1.0,  # otherwise the labels are measured for it, in a tenth of the time of a picture
+        "axes.formatter.useoffset": False,  # which would stand in the title
         "axes.labelsize": 9,
         "xtick.labelsize": 8,
         "ytick.labelsize": 8,
@@ -135,8 +147,8 @@ class Places(ConstrainedLayoutEngine):
     Where the labels of a panel's ticks have remained, so have its margins, and what was found is taken again.
     """
 
-    def __init__(self, w_pad: float = 0.06, rect: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)) -> None:
-        super().__init__(h_pad=0.07, w_pad=w_pad, rect=rect)
+    def __init__(self, w_pad: float = 0.06) -> None:
+        super().__init__(h_pad=0.07, w_pad=w_pad)
 
     def execute(self, figure: Figure) -> None:
         """Give the panels of the figure their places."""
@@ -222,24 +234,50 @@ def for_phone(figure: Figure) -> bool:
         return False
     across, along = [axes.get_xlabel() for axes in was[-1]], [axes.get_ylabel() for axes in was[:, 0]]
     grid = was.T if turned else was
-    width = (PHONE - BESIDE - BAR * (len(figure.axes) > len(panels))) / grid.shape[1]
-    heights = [max(_height(axes, width, figure.get_figheight() / places.nrows) for axes in row) for row in grid]
-    made = GridSpec(grid.shape[0], grid.shape[1], figure=figure, height_ratios=heights)
     for j, i in np.ndindex(grid.shape):
         axes = grid[j, i]
-        axes.set_subplotspec(made[j, i])
         lowest = j == len(grid) - 1 or not axes.get_shared_x_axes().joined(axes, grid[-1, i])
         first = i == 0 or not axes.get_shared_y_axes().joined(axes, grid[j, 0])
         axes.tick_params(labelbottom=lowest, labelleft=first)
         axes.set_xlabel((axes.get_xlabel() or across[j if turned else i]) if lowest else "")
         axes.set_ylabel((axes.get_ylabel() or along[i if turned else j]) if first else "")
         if axes.get_aspect() != "auto":
-            axes.locator_params(nbins=4)  # more on a larger image would be wider than the layout has allowed for
+            axes.locator_params(nbins=4)
     _raise_legend(figure, panels)
-    legends = LEGEND * len(figure.legends)
-    figure.set_size_inches(PHONE, sum(heights) + legends)
-    figure.set_layout_engine(Places(rect=(EDGE, 0.0, 1.0 - EDGE, 1.0 - legends / figure.get_figheight())))
+    usual = figure.get_figheight() / places.nrows
+    figure.set_layout_engine("none")
+    for _ in range(2):  # how many labels there are depends on the places
+        _stand(figure, grid, usual)
     return True
+
+
+def _stand(figure: Figure, grid: Any, usual: float) -> None:
+    """Places of the panels of such a figure, by its labels alone: matplotlib's layout looks at all that is there.
+
+    `usual` is the height of a row of panels that are no images, with labels, in.
+    """
+    above, below = ([max(map(side, row)) for row in grid] for side in (_above, _below))
+    rows, columns = grid.shape
+    gap = GAP + max((under + over for under, over in zip(below, above[1:], strict=False)), default=0.0)
+    left = EDGE + max(_beside(axes.yaxis) for axes in grid[:, 0])
+    between = GAP + max((_beside(axes.yaxis) for axes in grid[:, 1:].flat), default=0.0)
+    bars = [axes for axes in figure.axes if axes.get_subplotspec() is None]
+    right = EDGE + max([max(map(_overhang, grid[:, -1])), *(GAP + BAR + _beside(axes.yaxis) for axes in bars)])
+    width = (PHONE - left - right - between * (columns - 1)) / columns
+    heights = [max(_height(axes, width, usual - under - over) for axes in row)
+               for row, under, over in zip(grid, below, above, strict=True)]  # fmt: skip
+    bottom, top = EDGE + below[-1], EDGE + above[0] + LEGEND * len(figure.legends)
+    height = bottom + sum(heights) + gap * (rows - 1) + top
+    figure.set_size_inches(PHONE, height)
+    places = {"left": left / PHONE, "right": 1 - right / PHONE, "bottom": bottom / height, "top": 1 - top / height}
+    apart = {"wspace": between / width, "hspace": gap * rows / sum(heights), "height_ratios": heights}
+    made = GridSpec(rows, columns, figure=figure, **places, **apart)
+    for j, i in np.ndindex(grid.shape):
+        grid[j, i].set_subplotspec(made[j, i])
+    middle, half = (places["bottom"] + places["top"]) / 2, SHARE * (places["top"] - places["bottom"]) / 2
+    for axes in bars:
+        axes.set_box_aspect(None)
+        axes.set_position((places["right"] + GAP / PHONE, middle - half, BAR / PHONE, 2 * half))
 
 
 def _raise_legend(figure: Figure, panels: Sequence[Axes]) -> None:
@@ -259,9 +297,71 @@ def _raise_legend(figure: Figure, panels: Sequence[Axes]) -> None:
 
 
 def _height(axes: Axes, width: float, usual: float) -> float:
-    """In, with its labels: of an image that is so wide; of another panel as it was."""
+    """In, without its labels: of an image that is so wide; of another panel as it was, or as its label needs."""
     form = axes.get_aspect()
-    return usual if form == "auto" else ABOVE + width * axes.get_data_ratio() * float(form)
+    return max(usual, _length(axes.yaxis.label)) if form == "auto" else width * axes.get_data_ratio() * float(form)
+
+
+def _above(axes: Axes) -> float:
+    """In, above a panel, of its title, which stands at the left."""
+    lines = axes.get_title(loc="left").count("\n") + 1 if axes.get_title(loc="left") else 0
+    return (lines * _line(axes.title) + 5.0) / 72
+
+
+def _below(axes: Axes) -> float:
+    """In, below a panel, of its labels."""
+    names = axes.get_xlabel() and _line(axes.xaxis.label) + axes.xaxis.labelpad
+    numbers = _line(axes.xaxis.get_major_ticks(1)[0].label1) if _labels(axes.xaxis) else 0.0
+    return (_outside(axes.xaxis) + numbers + (names or 0.0)) / 72
+
+
+def _beside(axis: Axis) -> float:
+    """In, beside a panel, of the labels of its vertical axis."""
+    name = axis.label.get_text() and _line(axis.label) + axis.labelpad
+    return _outside(axis) / 72 + max((wide for _, wide in _labels(axis)), default=0.0) + (name or 0.0) / 72
+
+
+def _outside(axis: Axis) -> float:
+    """Points of a tick, and between it and its label."""
+    tick = axis.get_major_ticks(1)[0]
+    pad: Any = tick.get_pad()  # type: ignore[func-returns-value]  # it does
+    return float(tick.get_tick_padding() + pad)
+
+
+def _overhang(axes: Axes) -> float:
+    """In, by which the last label of the horizontal axis is beyond the panel."""
+    place = axes.get_position(original=True).width * PHONE
+    return max([0.0, *(wide / 2 - (1 - at) * place for at, wide in _labels(axes.xaxis))])
+
+
+def _labels(axis: Axis) -> list[tuple[float, float]]:
+    """Of each label of a tick that is shown: its place, from 0 to 1 along the panel, and how wide it is, in."""
+    shown = axis.get_tick_params()
+    if not shown.get("labelleft", shown.get("labelbottom", True)) and not shown.get("labelright", False):
+        return []
+    places = np.asarray(axis.get_majorticklocs())
+    texts, letters = axis.get_major_formatter().format_ticks(list(places)), axis.get_major_ticks(1)[0].label1
+    low, high = axis.get_transform().transform(np.sort(axis.get_view_interval()))
+    at = (axis.get_transform().transform(places) - low) / (high - low)
+    inside = (at > -1e-9) & (at < 1 + 1e-9)
+    return [(float(where), _width(text, letters)) for where, text, kept in zip(at, texts, inside, strict=True) if kept]
+
+
+def _line(letters: Text) -> float:
+    """Points, of a text of such letters, a line at least."""
+    return LINE * float(letters.get_fontsize()) * (letters.get_text().count("\n") + 1)
+
+
+def _length(text: Text) -> float:
+    """In, of a text."""
+    return _width(text.get_text(), text)
+
+
+def _width(words: str, letters: Text) -> float:
+    """In, of words in such letters."""
+    lines = words.splitlines() or [""]
+    font = letters.get_fontproperties()
+    return max(text_to_path.get_text_width_height_descent(one, font, is_math_text(one))[0] for one in lines) / 72
 
 
 def zero(axes: Axes, theme: Theme) -> None:
@@ -270,12 +370,47 @@ def zero(axes: Axes, theme: Theme) -> None:
 
 
 def logarithmic(axes: Axes, names: str) -> None:
-    """Axes "x", "y" or "xy" with logarithmic scales and plain numbers."""
+    """Axes "x", "y" or "xy" with logarithmic scales and plain numbers; also of the panels that share them."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = axes.xaxis if name == "x" else axes.yaxis
         axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("")
+        shared: Any = axes.get_shared_x_axes() if name == "x" else axes.get_shared_y_axes()
+        places = axis.get_minor_locator()
+        axis.set_minor_locator(NullLocator())
+        for panel in shared.get_siblings(axes):
+            if not any(isinstance(one, _MinorTicks) and one.name == name for one in panel.artists):
+                panel.add_artist(_MinorTicks(name, places))
+
+
+class _MinorTicks(Artist):
+    """Those of a logarithmic axis, "x" or "y", as one line of markers: each tick of matplotlib is five artists."""
+
+    def __init__(self, name: str, places: Locator) -> None:
+        super().__init__()
+        self.name, self._places = name, places
+        given: Any = matplotlib.rcParams
+        names = {"markersize": "minor.size", "markeredgewidth": "minor.width", "color": "color"}
+        self._look: dict[str, Any] = {word: given[f"{name}tick.{key}"] for word, key in names.items()}
+        self._look["marker"] = TICKDOWN if name == "x" else TICKLEFT
+        self.set_in_layout(False)
+
+    def draw(self, renderer: RendererBase) -> None:
+        """At the places of the limits as they are."""
+        panel, along = self.axes, self.name == "x"
+        assert isinstance(panel, Axes)
+        low, high = sorted(panel.get_xlim() if along else panel.get_ylim())
+        places = np.asarray(self._places.tick_values(low, high))
+        places = places[(places >= low) & (places <= high)]
+        beside = np.zeros(places.size)
+        line = Line2D(
+            *((places, beside) if along else (beside, places)),
+            transform=panel.get_xaxis_transform("tick1") if along else panel.get_yaxis_transform("tick1"),
+            linestyle="none",
+            **self._look,
+        )
+        line.set_figure(panel.figure)
+        line.draw(renderer)
 
 
 def note(axes: Axes, text: str, place: tuple[float, float], theme: Theme, coords: Any = "data", **look: Any) -> None:

@@ -59,15 +59,13 @@ DRIVEN_UP = 5  # and so many times it that of a line that the command drives
 REFUSED_FOR = 5  # s: how long a line that was dropped is not heard again,
 NEAR_REFUSED = 0.1  # nor one so near to it, of its frequency
 HIGHEST_BEYOND = 0.42  # cycles per tick: where the search for a line beyond the resonance begins,
-LOWEST_BEYOND = 1.25  # times the first resonance of given dynamics: where it ends,
+LOWEST_BEYOND = 2.2  # times the first resonance of given dynamics: where it ends,
 NEXT_BEYOND = 0.7  # and how it goes down
-MOST_BEYOND = 2  # such lines, of HEARD
+MOST_LOADS = 2  # that are heard at the same time; the others of HEARD are beyond the resonance
 TIME_BEYOND = 0.02  # s of a centre, at least
 STEADY_BEYOND = 0.4  # as `STEADY_TONE`: noise has less in such a time
 AUDIBLE_BEYOND = 0.3  # times the noise of the law
-LEAST_BEYOND = 0.1  # share of the mean square of the error, from FAR_BEYOND times the resonance on,
-FAR_BEYOND = 2
-LEAST_NEAR = 0.5  # and below
+LEAST_BEYOND = 0.1  # share of the mean square of the error
 SAME_BEYOND = 0.05  # of the frequency of such a line: what is heard so near to it is that line
 WIDTH_BEYOND = 0.02  # of 2 pi times its frequency: how fast the amplitude of such a line follows
 
@@ -90,10 +88,8 @@ class Load:
             self.line, self.announced = line, amplitude
 
     def is_none(self, size: float) -> bool:
-        """Whether nothing is there, or the command that takes a load away makes it larger; size: its amplitude, um."""
+        """Whether nothing is there, or the command that takes it away makes it larger; size: its amplitude, um."""
         shows, remains = amplitude_of(self.first), amplitude_of(self.error)
-        if self.beyond:
-            return False  # it may be quiet since the feedback no longer drives it
         if size > DRIVEN_UP * self.announced and remains > self.announced:
             return True
         nothing = max(size, shows) < NO_LOAD * self.announced
@@ -313,7 +309,7 @@ def place_of(c: State, beyond: bool) -> int:
 
     A free one, or, where as many of its kind were heard before as can be, that of the quietest of them.
     """
-    named, most = len(c.members["hum.line"]), MOST_BEYOND if beyond else HEARD - MOST_BEYOND
+    named, most = len(c.members["hum.line"]), HEARD - MOST_LOADS if beyond else MOST_LOADS
     of_kind = [i for i, load in enumerate(c.hum.heard) if load.beyond == beyond]
     return len(c.hum.heard) if len(of_kind) < most else min(of_kind, key=lambda i: loudness_of(c, named + i))
 
@@ -376,7 +372,8 @@ def judge(c: State, signals: tuple[float, float]) -> None:
         load.first = demodulated(load.first, turn, signals[0], rate)
         load.error = demodulated(load.error, turn, signals[1], rate)
         load.age += tick
-        if load.is_none(size_of_line(c, named + i)):
+        # beyond the resonance it may be quiet since the feedback no longer drives it; of other dynamics it is none
+        if not c.is_given if load.beyond else load.is_none(size_of_line(c, named + i)):
             drop(c, i)
 
 
@@ -440,15 +437,11 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
     ear.tone.update(signals[ear.of_error], zdot_d)
 
 
-def hear_beyond(c: State, ear: Ear, tone: ToneDetector) -> None:
-    """A tone that was looked for beyond the resonance is a line where it matters.
-
-    Below FAR_BEYOND times the resonance harmonics of the motion show the hysteresis.
-    """
-    shown, amplitude, first = tone.shown(STEADY_BEYOND, 0), tone.amplitude, first_resonance(c)
+def hear_beyond(c: State, ear: Ear, tone: ToneDetector, lowest: float) -> None:
+    """A tone that was looked for beyond the resonance is a line where it matters."""
+    shown, amplitude = tone.shown(STEADY_BEYOND, 0), tone.amplitude
     share = amplitude * amplitude / 2 * tone.ticks
-    least = LEAST_BEYOND if shown > FAR_BEYOND * first else LEAST_NEAR
-    if shown > LOWEST_BEYOND * first and share > least * ear.power:
+    if shown > lowest and share > LEAST_BEYOND * ear.power:
         hear(c, shown, amplitude, beyond=True)
 
 
@@ -461,7 +454,7 @@ def listen_beyond(c: State, error: float, zdot_d: float) -> None:
     if not lowest < HIGHEST_BEYOND:
         return
     if (tone := ear.tone) is not None and tone.blocks >= BLOCKS_HEARD and tone.ticks * tick >= TIME_BEYOND:
-        hear_beyond(c, ear, tone)
+        hear_beyond(c, ear, tone, lowest)
         ear.centre, ear.tone = ear.centre * NEXT_BEYOND, None
     if ear.centre < lowest:
         ear.centre = HIGHEST_BEYOND

@@ -49,6 +49,7 @@ PERIODIC = 1e-6  # of the peak-to-peak: how well a motion has to repeat
 LIMITED = 0.01  # of the samples at a limit: beyond, the verdict says so
 ABOVE = 0.2  # of the square of the noise: what else may be in an error that is called noise
 NEAR = 2.0  # times the noise: an error that more passes hardly lower
+SPOILT = 0.1  # of the peak-to-peak, rms: above it a waveform that a limit cuts off is bad
 FINE = 1e-3  # of the peak-to-peak, rms: a result that is good
 FEWEST_PERIODS = 5  # among which a spike is seen
 SPIKE = 15.0  # times the median of all deviations from the other periods: ten standard deviations of noise
@@ -520,6 +521,7 @@ class Learned(Displayed):
     def verdict(self) -> Verdict:
         """Good where the error is within 0.1 % of the motion, without what noise explains; bad where none improved.
 
+        Bad is also an error above 10 % of the motion where a limit cuts off the waveform: no pass can lower it.
         Doubtful where it is not, or where the noise of a pass is too large to show it.
         """
         made = [one for one in self.passes if one.measured.size]
@@ -536,7 +538,8 @@ class Learned(Displayed):
             text += f" that no pass shows whether it was learned to {100 * FINE:g} %: measure more periods "
             text += "(`averaged`), wait for longer before them (`settle`), or move further."
             findings.append(("doubtful", text))
-        findings += [("doubtful", reason) for reason in best.verdict.reasons]
+        cut = best.limited > LIMITED and best.rmse > SPOILT * span
+        findings += [("bad" if cut and reason == best.limit else "doubtful", reason) for reason in best.verdict.reasons]
         if missed := sum(one.measured.size == 0 for one in self.passes):
             findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))
         return Verdict.of(findings)  # type: ignore[arg-type]

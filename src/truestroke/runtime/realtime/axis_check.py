@@ -22,6 +22,7 @@ from truestroke.signals.trajectories import smoothstep
 
 FIRST = 0.004  # of the stroke: expected displacement of the first probe
 LARGEST = 0.035  # of the stroke: what the last one may be
+OTHERS = 0.3  # of the answer that is expected: another sensor that shows as much answers in place of its own
 CLEAR, AT_ONCE = 3.0, 12.0  # times its uncertainty: an answer that stands out; one that needs no larger probe
 REPEATED = 4  # times that a probe is repeated where the answer is not clear
 LARGE_OFFSET = 0.1  # of the stroke: a reading at rest that is so far off is no position, the sensor was not zeroed
@@ -240,7 +241,8 @@ def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) 
     """`Stop` where the answer is not that of the axis that the settings describe."""
     gain, uncertainty = a.seen / a.volts, a.uncertainty / abs(a.volts)
     low, high = min(a.settings.q, a.expected) * gains.RUN[0], max(a.settings.q, a.expected) * gains.RUN[1]
-    if abs(gain) <= CLEAR * uncertainty:
+    instead = _instead(a, channel, answers)
+    if abs(gain) <= CLEAR * uncertainty or (instead and abs(gain) < low):  # the rest is cross-talk
         raise Stop(Cause.CHECK, _no_answer(a, channel, answers, axes))
     if gain < 0:
         raise Stop(
@@ -259,15 +261,21 @@ def _judge(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) 
     _check_reach(a, gain)
 
 
+def _instead(a: _Answer, channel: int, answers: FloatArray) -> list[int]:
+    """Channels whose sensors have answered as that of this axis should."""
+    least = OTHERS * abs(a.expected * a.volts)
+    return [i for i, seen in enumerate(answers) if i != channel and abs(seen) > least]
+
+
 def _no_answer(a: _Answer, channel: int, answers: FloatArray, axes: Sequence[Axis]) -> str:
     expected = a.expected * a.volts
-    loud = [axes[i].name for i, seen in enumerate(answers) if i != channel and abs(seen) > 0.3 * abs(expected)]
+    loud = [axes[i].name for i in _instead(a, channel, answers)]
     remedy = "look at inputs and outputs in [driver], at cables, and whether amplifier and sensor are switched on"
     if loud:
         remedy = f"the sensor of axis {loud[0]} answers instead: inputs or outputs in [driver] are swapped"
         if len(axes) == 2:  # a rotation by so many degrees has sin in the row of the second axis, -sin in the other one
             degrees = 90 if (answers[1 - channel] / expected > 0) == (channel == 0) else -90
-            remedy += f", or the sensors stand at {degrees} degrees: rotation = {degrees}.0 in [coupled]"
+            remedy += f", or the sensors stand at {degrees} degrees: rotation = {degrees}.0 in [coupled], or more by it"
     return (
         f"axis {a.axis.name}: no answer to a probe of {a.volts:+.3g} V: the sensor shows {a.seen:+.2g} um, "
         f"uncertain by {a.uncertainty:.2g} um, where about {expected:+.3g} um are expected; {remedy}"

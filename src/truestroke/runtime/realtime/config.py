@@ -164,6 +164,7 @@ class Job:
     epics: EpicsSettings | None = None
     live: LiveSettings = field(default_factory=LiveSettings)
     imaging: Imaging | None = None
+    frame: frames.Matrix | None = None  # of sensors that are turned
 
 
 def example(command: Literal["run", "serve"] = "run") -> str:
@@ -225,6 +226,7 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
             if read.coupled is not None and table.period is not None:
                 raise SettingError("period", table.period, "left out, and in [coupled]: all axes learn it", "s")
             axes.append(_axis(table, folder, rate, image))
+    frame = None
     if read.coupled is not None:
         with checks.inside("coupled."):
             frame = read.coupled.of(len(axes))
@@ -232,7 +234,7 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
             axes = [*couple(axes, frame, period=read.coupled.period)]
         made = made if frame is None else Turned(made, frame)
         image = dataclasses.replace(image, frame=frame) if image else None
-    usual: dict[str, Any] = {"settings": read.realtime, "file": Path(read.recording.file)}
+    usual: dict[str, Any] = {"settings": read.realtime, "file": Path(read.recording.file), "frame": frame}
     return Job(driver=made, axes=tuple(axes), imaging=image, epics=read.epics, live=read.live, **usual)
 
 
