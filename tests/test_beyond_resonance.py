@@ -59,8 +59,11 @@ def test_the_feedback_does_not_drive_a_mode_that_the_measurement_did_not_see(
 ) -> None:
     """It did until the end, with 20 % of the motion."""
     stage, seen = with_a_further_mode(rate, f0, further, share, damping, hysteresis_kind=kind)
-    recording = run(sine(rate, motion * f0), controller_of(seen), StagePlant(stage, seed=1))
+    controller = controller_of(seen)
+    recording = run(sine(rate, motion * f0), controller, StagePlant(stage, seed=1))
     error = (recording["true"] - recording["desired"])[round(rate) :]
+    assert controller.beyond_resonance[0] == pytest.approx(further * f0, rel=0.06)
+    assert "are not in the dynamics: measure them again" in str(controller)
     assert error.std() < 0.003 * 20.0
     assert np.abs(error).max() < 0.02 * 20.0
 

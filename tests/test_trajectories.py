@@ -442,7 +442,7 @@ def test_csv_starts_from_zero_by_the_ramp(write):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("", {}, "no two rows of numbers with the same number of columns"),
+        ("", {}, "the file is empty: was its program ended before it wrote"),
         ("1\n2\n3\n", {}, "3 rows; at least 4 are needed"),
         ("z\n1\n2\nnan\n4\n", {}, "line 4: position is missing or no number in 'nan'"),
         ("1\n2\nx\n4\n", {}, "line 3: position is missing or no number in 'x'"),

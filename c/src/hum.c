@@ -32,7 +32,9 @@
 #define NEXT_BEYOND ((ts_real)0.7)     /* and how it goes down */
 #define MOST_LOADS 2                   /* that are heard at the same time; the others of TS_HEARD are beyond the resonance */
 #define TIME_BEYOND ((ts_real)0.02)    /* s of a centre, at least */
-#define STEADY_BEYOND ((ts_real)0.4)   /* as TS_STEADY_TONE: noise has less in such a time */
+#define STEADY_BEYOND ((ts_real)2.4)   /* as TS_STEADY_TONE, over the root of the blocks: noise has more in one window of a hundred, */
+#define LEAST_STEADY ((ts_real)0.4)    /* and at least */
+#define BLOCKS_BEYOND 9                /* of a centre, at least */
 #define AUDIBLE_BEYOND ((ts_real)0.3)  /* times the noise of the law */
 #define LEAST_BEYOND ((ts_real)0.1)    /* share of the mean square of the error */
 #define SAME_BEYOND ((ts_real)0.05)    /* of the frequency of such a line: what is heard so near to it is that line */
@@ -430,7 +432,8 @@ static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
 /* A tone that was looked for beyond the resonance is a line where it matters. */
 static void hear_beyond(ts_controller *c, const ts_ear *e, ts_real lowest)
 {
-    ts_real shown = ts_tone_of_load(&e->tone, STEADY_BEYOND, 0), amplitude = ts_tone_amplitude(&e->tone);
+    ts_real noise = STEADY_BEYOND / root_of((ts_real)e->tone.blocks), amplitude = ts_tone_amplitude(&e->tone);
+    ts_real shown = ts_tone_of_load(&e->tone, noise > LEAST_STEADY ? noise : LEAST_STEADY, 0);
     ts_real share = amplitude * amplitude / 2 * (ts_real)e->tone.passed;
     if (shown > lowest && share > LEAST_BEYOND * e->power) hear(c, shown, amplitude, true);
 }
@@ -443,7 +446,7 @@ static void listen_beyond(ts_controller *c, ts_real error, ts_real zdot_d)
     ts_real lowest = LOWEST_BEYOND * first_resonance(c), passed = (ts_real)e->tone.passed * c->settings->oscillation.tick;
     if (!(lowest < HIGHEST_BEYOND)) return;
     bool anew = !(e->centre > 0);
-    if (!anew && e->tone.blocks >= BLOCKS_HEARD && passed >= TIME_BEYOND) {
+    if (!anew && e->tone.blocks >= BLOCKS_BEYOND && passed >= TIME_BEYOND) {
         hear_beyond(c, e, lowest);
         e->centre *= NEXT_BEYOND;
         anew = true;

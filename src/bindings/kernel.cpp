@@ -613,10 +613,21 @@ class Kernel {
             double size = std::hypot(a[0], a[1]);
             if (c_.hum.heard[i].beyond > 0 || size <= loudest || !(size > c_.law.kalman.sigma)) continue;
             loudest = size;
-            turns = c_.hum.heard[i].line[2] * c_.settings->oscillation.tick / (2 * TS_PI);
+            turns = turns_of(c_.hum.heard[i]);
         }
         return nb::make_tuple(turns, loudest);
     }
+    nb::tuple beyond() const { // the resonance, the loudest when it was heard, as `load`: law and feedback may have driven it
+        double turns = NAN, loudest = NAN;
+        for (int i = 0; i < TS_HEARD && c_.hum.heard[i].line[2] > 0; i++) {
+            const ts_load &line = c_.hum.heard[i];
+            if (!(line.beyond > 0) || line.announced <= loudest || !(line.announced > c_.law.kalman.sigma)) continue;
+            loudest = line.announced;
+            turns = turns_of(line);
+        }
+        return nb::make_tuple(turns, loudest);
+    }
+    double turns_of(const ts_load &line) const { return line.line[2] * c_.settings->oscillation.tick / (2 * TS_PI); }
     double filter() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.filter : NAN; }
     double noise() const { return c_.settings->law == TS_LAW_KALMAN ? c_.law.kalman.sigma : NAN; }
     int flags() const {
@@ -1237,6 +1248,7 @@ MODULE(TS_MODULE, m) {
         .def("noise", &Kernel::noise)
         .def("resonance", &Kernel::resonance)
         .def("load", &Kernel::load)
+        .def("beyond", &Kernel::beyond)
         .def("filter", &Kernel::filter)
         .def("flags", &Kernel::flags)
         .def("counters", &Kernel::counters);

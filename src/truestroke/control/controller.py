@@ -264,6 +264,10 @@ class AdaptiveController(Displayed):
         frequency, amplitude = self.load
         if amplitude > 0:
             found.append(("load", f"{quantity(amplitude, 'um')} at {quantity(frequency, 'Hz')}, which `hum` names"))
+        frequency, amplitude = self.beyond_resonance
+        if amplitude > 0:
+            heard = f"{quantity(amplitude, 'um')} at {quantity(frequency, 'Hz')}"
+            found.append(("beyond the resonance", f"{heard} are not in the dynamics: measure them again"))
         return f"{type(self).__name__}: {self.settings.summary}", [
             *controller_rows(self.settings, self.weights, self.innovation, dataclasses.asdict(self.counters)),
             *found,
@@ -554,6 +558,17 @@ here: make this controller with the settings of the other one, restore, then `ch
         half of the first resonance; below 125 Hz where that is not known.
         """
         turns, amplitude = self._kernel.load()
+        return turns * self.settings.sample_rate, amplitude
+
+    @property
+    def beyond_resonance(self) -> tuple[float, float]:
+        """Frequency, Hz, and amplitude, um, of a tone above 2.2 f0 that the given dynamics do not explain; or NaN.
+
+        Such as a further mode that the measurement did not see. The louder one, where there are two, with the amplitude
+        in the error when it was heard; one that does not exceed `noise` is not stated. From then on law and feedback
+        work without it, so that it may have become quiet.
+        """
+        turns, amplitude = self._kernel.beyond()
         return turns * self.settings.sample_rate, amplitude
 
     @property

@@ -63,7 +63,9 @@ LOWEST_BEYOND = 2.2  # times the first resonance of given dynamics: where it end
 NEXT_BEYOND = 0.7  # and how it goes down
 MOST_LOADS = 2  # that are heard at the same time; the others of HEARD are beyond the resonance
 TIME_BEYOND = 0.02  # s of a centre, at least
-STEADY_BEYOND = 0.4  # as `STEADY_TONE`: noise has less in such a time
+STEADY_BEYOND = 2.4  # as `STEADY_TONE`, over the root of the blocks: noise has more in one window of a hundred,
+LEAST_STEADY = 0.4  # and at least
+BLOCKS_BEYOND = 9  # of a centre, at least
 AUDIBLE_BEYOND = 0.3  # times the noise of the law
 LEAST_BEYOND = 0.1  # share of the mean square of the error
 SAME_BEYOND = 0.05  # of the frequency of such a line: what is heard so near to it is that line
@@ -439,7 +441,8 @@ def listen_about(c: State, ear: Ear, first: float, signals: tuple[float, float],
 
 def hear_beyond(c: State, ear: Ear, tone: ToneDetector, lowest: float) -> None:
     """A tone that was looked for beyond the resonance is a line where it matters."""
-    shown, amplitude = tone.shown(STEADY_BEYOND, 0), tone.amplitude
+    steady = max(STEADY_BEYOND / math.sqrt(tone.blocks), LEAST_STEADY)
+    shown, amplitude = tone.shown(steady, 0), tone.amplitude
     share = amplitude * amplitude / 2 * tone.ticks
     if shown > lowest and share > LEAST_BEYOND * ear.power:
         hear(c, shown, amplitude, beyond=True)
@@ -453,7 +456,7 @@ def listen_beyond(c: State, error: float, zdot_d: float) -> None:
     ear, lowest, tick = c.hum.beyond, LOWEST_BEYOND * first_resonance(c), c.oscillation.tick
     if not lowest < HIGHEST_BEYOND:
         return
-    if (tone := ear.tone) is not None and tone.blocks >= BLOCKS_HEARD and tone.ticks * tick >= TIME_BEYOND:
+    if (tone := ear.tone) is not None and tone.blocks >= BLOCKS_BEYOND and tone.ticks * tick >= TIME_BEYOND:
         hear_beyond(c, ear, tone, lowest)
         ear.centre, ear.tone = ear.centre * NEXT_BEYOND, None
     if ear.centre < lowest:
