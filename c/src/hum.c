@@ -59,12 +59,12 @@ static bool is_beyond(const ts_controller *c, int i)
     return i >= c->settings->hum.lines && c->hum.heard[i - c->settings->hum.lines].beyond > 0;
 }
 
-/* Share per tick by which the amplitude of a line follows. */
-static ts_real rate_of(const ts_controller *c, int i)
+/* Share per tick by which a line is followed, `times` as fast as its amplitude. */
+static ts_real share_of(const ts_controller *c, int i, ts_real times)
 {
     ts_real faster = is_beyond(c, i) ? WIDTH_BEYOND * line_of(c, i)[2] : 0;
-    ts_real rate = (faster > HUM_FOLLOWED ? faster : HUM_FOLLOWED) * c->settings->oscillation.tick;
-    return rate < 1 ? rate : 1;
+    ts_real share = times * (faster > HUM_FOLLOWED ? faster : HUM_FOLLOWED) * c->settings->oscillation.tick;
+    return share < 1 ? share : 1;
 }
 
 /* Of cosine and sine, um. */
@@ -137,7 +137,7 @@ void ts_hum_follow(ts_controller *c, ts_real innovation)
     ts_real tick = c->settings->oscillation.tick;
     for (int i = 0; i < lines_of(c); i++) {
         ts_real most = (is_beyond(c, i) ? 1 : LARGEST_HUM) * c->settings->stroke;
-        ts_real step = rate_of(c, i) * innovation;
+        ts_real step = share_of(c, i, 1) * innovation;
         ts_real *a = h->sine[i], x = a[0] + step * h->turn[i][0], y = a[1] + step * h->turn[i][1];
         a[0] = within(x, -most, most);
         a[1] = within(y, -most, most);
@@ -150,9 +150,7 @@ void ts_hum_follow(ts_controller *c, ts_real innovation)
 const ts_real *ts_without_hum(ts_controller *c, const ts_real *u, ts_real *y, ts_real *space)
 {
     for (int l = 0; l < lines_of(c); l++, u = space) {
-        ts_real rate = 2 * rate_of(c, l);
-        if (rate > 1) rate = 1;
-        ts_real *of_y = c->hum.measurement[l], cosine = c->hum.turn[l][0], sine = c->hum.turn[l][1];
+        ts_real rate = share_of(c, l, 2), *of_y = c->hum.measurement[l], cosine = c->hum.turn[l][0], sine = c->hum.turn[l][1];
         for (int i = 0; i < c->parameters; i += TS_LANES) {
             ts_real *a = c->hum.regressor[l][0] + i, *b = c->hum.regressor[l][1] + i;
             lanes alone = minus(minus(load(u + i), cosine, load(a)), sine, load(b));
@@ -172,11 +170,11 @@ ts_real ts_without_beyond(ts_controller *c, ts_real error)
 {
     int named = c->settings->hum.lines;
     for (int i = named; i < lines_of(c); i++) {
-        ts_real rate = 2 * rate_of(c, i), *of = c->hum.heard[i - named].fed_back, *turn = c->hum.turn[i];
         if (!is_beyond(c, i)) continue;
+        ts_real rate = share_of(c, i, 2), *of = c->hum.heard[i - named].fed_back, *turn = c->hum.turn[i];
         error = error - turn[0] * of[0] - turn[1] * of[1];
-        of[0] += (rate < 1 ? rate : 1) * turn[0] * error;
-        of[1] += (rate < 1 ? rate : 1) * turn[1] * error;
+        of[0] += rate * turn[0] * error;
+        of[1] += rate * turn[1] * error;
     }
     return error;
 }

@@ -9,6 +9,9 @@ take what the command does against a load for a property of the actuator: the pl
 at 71 Hz had a third of their slope. So the same canceller takes the lines out of regressor and measurement before it
 learns. Where no feedback has resonators for the lines the command subtracts them.
 
+Beside given dynamics a tone beyond their resonance that they do not explain is such a line, too: what a further mode
+makes of the motion, or the feedback of that mode. Law and feedback do without it.
+
 Source: Widrow et al., Adaptive noise cancelling: principles and applications, Proc. IEEE 63 (1975).
 """
 
@@ -147,10 +150,10 @@ def is_beyond(c: State, i: int) -> bool:
     return i >= named and c.hum.heard[i - named].beyond
 
 
-def rate_of(c: State, i: int) -> float:
-    """Share per tick by which the amplitude of a line follows."""
-    width = WIDTH_BEYOND * lines_of(c)[i][2] if is_beyond(c, i) else 0.0
-    return min(max(width, FOLLOWED) * c.oscillation.tick, 1)
+def share_of(c: State, i: int, times: int) -> float:
+    """Share per tick by which a line is followed, `times` as fast as its amplitude."""
+    faster = WIDTH_BEYOND * lines_of(c)[i][2] if is_beyond(c, i) else 0.0
+    return min(times * max(faster, FOLLOWED) * c.oscillation.tick, 1)
 
 
 def amplitude_of(a: list[float]) -> float:
@@ -198,7 +201,7 @@ def follow_hum(c: State, innovation: float) -> None:
     tick, stroke = c.oscillation.tick, c.settings.stroke
     for i, _ in enumerate(lines_of(c)):
         most = stroke if is_beyond(c, i) else LARGEST_HUM * stroke
-        step = rate_of(c, i) * innovation
+        step = share_of(c, i, 1) * innovation
         a, turn = c.hum.sine[i], c.hum.turn[i]
         a = [min(max(a[0] + step * turn[0], -most), most), min(max(a[1] + step * turn[1], -most), most)]
         c.hum.sine[i] = a
@@ -212,7 +215,7 @@ def without_hum(c: State, u: FloatArray, y: float) -> tuple[FloatArray, float]:
     Their linear relation stays, without what the command does against the line.
     """
     for i, _ in enumerate(lines_of(c)):
-        rate = min(2 * rate_of(c, i), 1)
+        rate = share_of(c, i, 2)
         (cosine, sine), of_y = c.hum.turn[i], c.hum.measurement[i]
         a, b = c.hum.regressor.get(i) or (np.zeros(u.size), np.zeros(u.size))
         u = u - cosine * a - sine * b
@@ -228,7 +231,7 @@ def without_beyond(c: State, error: float) -> float:
     for i, load in enumerate(c.hum.heard, named):
         if not load.beyond:
             continue
-        rate, turn, of = min(2 * rate_of(c, i), 1), c.hum.turn[i], load.fed_back
+        rate, turn, of = share_of(c, i, 2), c.hum.turn[i], load.fed_back
         error = error - turn[0] * of[0] - turn[1] * of[1]
         load.fed_back = [of[0] + rate * turn[0] * error, of[1] + rate * turn[1] * error]
     return error
