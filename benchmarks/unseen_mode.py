@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestroke import AdaptiveController, Dynamics, run, trajectories
-from truestroke.model.dynamics import Mode
 from truestroke.plant import StagePlant, StageSettings
 
 RATES = (1000.0, 2000.0, 5000.0, 10_000.0, 20_000.0)  # Hz
@@ -43,6 +42,16 @@ class Case:
         return f"{self.motion:6} {of} {mode}"
 
 
+def with_a_further_mode(
+    rate: float, f0: float, second: float, share: float, damping: float, kind: str
+) -> tuple[StageSettings, Dynamics]:
+    """A stage of two modes, Hz, and its dynamics as a measurement has them that did not see the second one."""
+    of_stage = {"sample_rate": rate, "hysteresis_kind": kind, "noise": 0.02}
+    of_modes = {"resonances": (f0, second), "dampings": (0.01, damping), "shares": (1 - share, share)}
+    seen = StageSettings(**of_stage, resonances=(f0,), dampings=(0.01,))
+    return StageSettings(**of_stage, **of_modes), seen.dynamics()
+
+
 def sampled(number: int) -> Case:
     """The same number is always the same case."""
     rng = np.random.default_rng([352, number])
@@ -55,20 +64,7 @@ def sampled(number: int) -> Case:
     slower = f0 * rng.uniform(0.1, 0.5)
     motion, kind = str(rng.choice(["sine", "raster"])), str(rng.choice(["plays", "preisach", "bouc-wen"]))
     frequency = min(near if near < f0 / 2 else slower, f0 / 2 if motion == "sine" else 0.15 * f0)
-    stage = StageSettings(
-        sample_rate=rate,
-        resonances=(f0, second),
-        dampings=(0.01, damping),
-        shares=(1 - share, share),
-        hysteresis_kind=kind,
-        noise=0.02,
-    )
-    known = Dynamics(
-        sample_rate=rate,
-        modes=(Mode(frequency=f0, damping=0.01),),
-        amplifier_bandwidth=stage.amplifier_bandwidth,
-        dead_time=stage.dead_time,
-    )
+    stage, known = with_a_further_mode(rate, f0, second, share, damping, kind)
     return Case(stage, known, motion, float(frequency))
 
 
