@@ -7,6 +7,7 @@ from benchmarks.unseen_mode import with_a_further_mode
 from truestroke import AdaptiveController, ControllerSettings, Dynamics, run, trajectories
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant
+from truestroke.signals.judgement import judge
 from truestroke.signals.trajectories import Trajectory
 
 pytestmark = pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
@@ -45,6 +46,11 @@ def test_the_feedback_does_not_drive_a_mode_that_the_measurement_did_not_see(
     assert "are not in the dynamics: measure them again" in str(controller)
     assert error.std() < 0.003 * 20.0
     assert np.abs(error).max() < 0.02 * 20.0
+    heard, amplitude = controller.beyond_resonance
+    assert recording.metadata["beyond_resonance"] == {"frequency_hz": heard, "amplitude_um": amplitude}
+    rang = f"The stage rang at {heard:.4g} Hz with {amplitude:.2g} um"
+    said = any(reason.startswith(rang) and "`truestroke bode`" in reason for reason in judge(recording).reasons)
+    assert said is (amplitude > 0.005 * 20.0)
 
 
 def test_the_law_does_not_take_a_further_mode_for_hysteresis() -> None:

@@ -283,9 +283,7 @@ class _Log:
         of_all = run_metadata.about(self._motion[name], axis, self._actuator, self._timing)
         own = {key: of_all[key] for key in ("trajectory", "controller")}
         own["controller"] |= {"ticks_before": self._before[name]}
-        learned = run_metadata.repetition(self._controller.learned.get(name, axis), self._timing.sample_rate)
-        known = {"resonance": run_metadata.resonance(axis), "load": run_metadata.load(axis)}
-        found = {**known, "repetition": learned}
+        found = run_metadata.found(axis, self._controller.learned.get(name), self._timing.sample_rate)
         return own | {"notices": list(self._notices.get(name, ())), **found}
 
     def _metadata(self) -> dict[str, Any]:

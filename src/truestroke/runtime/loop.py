@@ -18,7 +18,7 @@ from truestroke.control.controller import Controller
 from truestroke.runtime import native
 from truestroke.runtime.agreement import check_agreement, count_latency, wanted
 from truestroke.runtime.axes import run_axes
-from truestroke.runtime.run_metadata import RunInterrupted, about, load, repetition, resonance
+from truestroke.runtime.run_metadata import RunInterrupted, about, found
 from truestroke.runtime.ticks import MARK, SIMULATED, SlowLayout, TickRecorder, recorded, require_memory, stride
 from truestroke.signals.channels import channel, dtype
 from truestroke.signals.recording import Recording
@@ -214,5 +214,4 @@ class _Log:
             slow = self.layout.split(self.slow[: -(-done // self.stride)])
             arrays = {"weights_time": self.trajectory.time[: done : self.stride], **slow}
             channels |= {name: channel(name, data, "weights_time") for name, data in arrays.items()}
-        learned = {"resonance": resonance(controller), "load": load(controller), "repetition": repetition(controller)}
-        return Recording(channels, metadata | learned)
+        return Recording(channels, metadata | found(controller))

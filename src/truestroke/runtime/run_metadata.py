@@ -66,9 +66,22 @@ def resonance(controller: Any) -> float | None:
     return known if isinstance(known, float) and math.isfinite(known) else None
 
 
-def load(controller: Any) -> dict[str, float] | None:
-    """A load of one frequency that the controller heard: `frequency_hz`, `amplitude_um`; None if there was none."""
-    frequency, amplitude = getattr(controller, "load", (math.nan, math.nan))
+def found(controller: Any, learner: Any = None, sample_rate: float = math.nan) -> dict[str, object]:
+    """What a controller found in a run, for its recording.
+
+    `resonance`, Hz; `load` and `beyond_resonance`, tones that it heard; `repetition` of a `learner`, or of itself.
+    """
+    return {
+        "resonance": resonance(controller),
+        "load": heard(controller, "load"),
+        "beyond_resonance": heard(controller, "beyond_resonance"),
+        "repetition": repetition(learner or controller, sample_rate),
+    }
+
+
+def heard(controller: Any, what: str) -> dict[str, float] | None:
+    """A tone that the controller heard: `frequency_hz`, `amplitude_um`; None if there was none."""
+    frequency, amplitude = getattr(controller, what, (math.nan, math.nan))
     return {"frequency_hz": frequency, "amplitude_um": amplitude} if amplitude > 0 else None
 
 

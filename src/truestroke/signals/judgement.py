@@ -439,21 +439,39 @@ def _unusable(ticks: npt.NDArray[np.bool_], words: str) -> Finding | None:
     return "bad" if share > BLIND else "doubtful", f"{words} {_percent(share)} of the ticks."
 
 
-def _shaken(run: _Run) -> Finding | None:
-    """Whether a load of one frequency, which the controller heard, may be why the error is large, or learning fails."""
-    heard = _of_axis(run.recording, "load")
+def _heard(run: _Run, what: str, least: float) -> tuple[float, float] | None:
+    """Frequency, Hz, and amplitude, um, of a tone that the controller heard, where it exceeds so many um."""
+    heard = _of_axis(run.recording, what)
     frequency, amplitude = (
         _positive(heard.get(name)) if isinstance(heard, Mapping) else None for name in ("frequency_hz", "amplitude_um")
     )
+    return (frequency, amplitude) if frequency and amplitude and amplitude > least else None
+
+
+def _shaken(run: _Run) -> Finding | None:
+    """Whether a load of one frequency, which the controller heard, may be why the error is large, or learning fails."""
+    heard = _heard(run, "load", run.tolerable)
     disturbed = run.rmse > run.tolerable or run.metrics.restored_ticks or _many_changes(run)
-    if not frequency or not amplitude or amplitude <= run.tolerable or not disturbed:
+    if not heard or not disturbed:
         return None
     if any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
         return None  # what is not followed at all has lines that no load makes
-    line = f"{frequency:.3g}"
+    line = f"{heard[0]:.3g}"
     return "doubtful", (
-        f"A load of {line} Hz and {amplitude:.2g} um shakes the stage: a pump, a fan, the mains. Stop what makes it, "
+        f"A load of {line} Hz and {heard[1]:.2g} um shakes the stage: a pump, a fan, the mains. Stop what makes it, "
         f"or name it, so that it is taken away from the beginning: `hum = [{line}]` (Hz) of the controller."
+    )
+
+
+def _not_in_dynamics(run: _Run) -> Finding | None:
+    """Whether a tone beyond the resonance, which the controller heard, shows that the given dynamics lack a mode."""
+    heard = _heard(run, "beyond_resonance", MATTERS * run.tolerable)
+    if not heard or any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
+        return None
+    return "doubtful", (
+        f"The stage rang at {heard[0]:.4g} Hz with {heard[1]:.2g} um, beyond its first resonance, and the dynamics "
+        "that were given do not have that: a further mode. Law and feedback worked without it from then on. Measure "
+        "the dynamics again, with the load in place: `truestroke bode`."
     )
 
 
@@ -707,6 +725,7 @@ CHECKS: Sequence[Check] = (
     _unmeasured,
     _rejected,
     _shaken,
+    _not_in_dynamics,
     _oscillated,
     _another_stage,
     _assumed,
@@ -720,7 +739,9 @@ CHECKS: Sequence[Check] = (
     _alarmed,
 )
 
-OTHER_CAUSES = (_too_fast, _shaken, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed)
+OTHER_CAUSES = (
+    _too_fast, _shaken, _not_in_dynamics, _oscillated, _another_stage, _assumed, _elsewhere, _restored, _grew, _alarmed,
+)  # fmt: skip
 """What a sensor at an end of its range brings about, and what they would put it down to."""
 
 

@@ -225,9 +225,9 @@ class AxisLoop:
                 change()
 
     @property
-    def repetition(self) -> dict[str, object] | None:
-        """What was learned of a motion that repeats, for the recording."""
-        return run_metadata.repetition(self._learned or self._controller, self._sample_rate)
+    def found(self) -> dict[str, object]:
+        """What the controller found, for the recording."""
+        return run_metadata.found(self._controller, self._learned, self._sample_rate)
 
     def look_back(self, stop: int) -> None:
         """Raise `Stop` where the sensor has not followed the voltage for a while; now and then, after tick `stop`."""

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from truestroke.base.typing import FloatArray
-from truestroke.runtime import run_metadata
 from truestroke.runtime.drivers.guard import Guard
 from truestroke.runtime.drivers.paced import EDGES_US, Clock, Paced, padded
 from truestroke.runtime.drivers.protocol import Driver, DriverError
@@ -226,11 +225,9 @@ class Live:
         }
         interrupted = None if cause is Cause.FINISHED else reason[:LONGEST]
         seen = {axis.axis.name: _plain(found) for axis, found in zip(self._axes, self._found, strict=True)}
-        known = {axis.axis.name: run_metadata.resonance(axis.axis.controller) for axis in self._axes}
-        repeated = {axis.axis.name: axis.repetition for axis in self._axes}
-        loads = {axis.axis.name: run_metadata.load(axis.axis.controller) for axis in self._axes}
-        about = {"axis_check": seen, "resonance": known, "load": loads, "repetition": repeated}
-        return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, **about}
+        of_axes = {axis.axis.name: axis.found for axis in self._axes}
+        about = {what: {name: found[what] for name, found in of_axes.items()} for what in next(iter(of_axes.values()))}
+        return {"interrupted": interrupted, "ended": ended, "lateness": punctuality, "axis_check": seen, **about}
 
     def outcome(self, cause: Cause, reason: str, files: tuple[Path, ...]) -> Outcome:
         """For the caller."""
