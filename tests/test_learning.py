@@ -729,6 +729,17 @@ def test_what_ends_learning_leaves_the_best_waveform_and_says_where(error, code,
     assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
 
 
+@pytest.mark.parametrize("at", ["truestroke.runtime.learning.model_of", "truestroke.report.learning.page"])
+def test_what_ends_learning_behind_its_last_pass_leaves_the_best_waveform_and_says_where(at, tmp_path, monkeypatch):
+    """Ctrl-C and SIGTERM while model or page are made: no line said that the waveform is there."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(at, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.1", "--passes", "1"])
+    assert result.exit_code == 130
+    assert "all passes are done; learned.csv has the best waveform so far, of pass 0, rmse" in result.stderr
+    assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
+
+
 def test_a_trigger_that_never_comes_has_the_exit_code_of_hardware(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(StagePlant, "exchange", lambda self, volts: np.full(volts.size, np.nan))
