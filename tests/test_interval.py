@@ -184,6 +184,16 @@ def test_beyond_the_voltages_of_the_record_an_interval_grows_whatever_its_blocks
     assert width[:10] == pytest.approx(width[:20:-1])
 
 
+@pytest.mark.parametrize("factor", [0.3, 1.96, 4.0])
+def test_what_is_beyond_the_voltages_of_the_record_is_not_scaled_by_what_its_blocks_show(factor):
+    """Blocks within these voltages are predicted well: 1 V beyond 1 V was 2 % of the stroke in place of 13."""
+    at = places(np.linspace(1.0, 2.0, 40), np.zeros(40), (0.0, 3.0), 1.0)
+    known = model(noise=0.01, explored=Explored(spread(at), 0.0), coverage_factor=factor)
+    width = known.interval(np.linspace(2.0, 3.0, 11), FS)
+    assert width[-1] == pytest.approx(1.96 * 0.2 * 30.0 * (1 / 3 - 0.01), rel=0.01)
+    assert width[0] == pytest.approx(factor * 0.01)
+
+
 def test_the_places_of_a_record_are_few_and_near_all_of_it():
     x = wave(200.0, 3)
     at = places(x, np.gradient(9 * x) * FS, (0.0, 3.0), 100.0)

@@ -729,6 +729,30 @@ def test_what_ends_learning_leaves_the_best_waveform_and_says_where(error, code,
     assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
 
 
+@pytest.mark.parametrize("at", ["truestroke.runtime.learning.model_of", "truestroke.report.learning.page"])
+def test_what_ends_learning_behind_its_last_pass_leaves_the_best_waveform_and_says_where(at, tmp_path, monkeypatch):
+    """Ctrl-C and SIGTERM while model or page are made: no line said that the waveform is there."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(at, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    result = CliRunner().invoke(main, ["learn", "--frequency", "100", "--averaged", "0.1", "--passes", "1"])
+    assert result.exit_code == 130
+    assert "all passes are done; learned.csv has the best waveform so far, of pass 0, rmse" in result.stderr
+    assert truestroke.load_waveform(tmp_path / "learned.csv").volts.size == 100
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_model_of_another_axis_that_holds_the_motion_at_one_voltage_is_refused():
+    """Of 50 nm for a motion of 20 um: the first pass did not move, and its gain was nan, behind a warning of NumPy."""
+    other = truestroke.ActuatorModel(
+        thresholds=(0.0,), weights=[0.01, 0.0, 0.0], covariance=np.zeros((3, 3)), stroke=0.05, voltage_range=(0.0, 5.0)
+    )
+    wave = trajectories.raster(frequency=50.0, peak_to_peak=20.0, offset=12.0, duration=1.0, sample_rate=10_000.0)
+    known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=900.0, damping=0.02),))
+    words = r"model = one of 0\.05 um for 0 to 5 V: must be one of this axis: by it a motion of 20 um is at one voltage"
+    with pytest.raises(SettingError, match=words):
+        truestroke.IterativeLearning(wave, gain=9.0, dynamics=known, voltage_limits=(-0.6, 3.6), model=other)
+
+
 def test_a_trigger_that_never_comes_has_the_exit_code_of_hardware(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(StagePlant, "exchange", lambda self, volts: np.full(volts.size, np.nan))

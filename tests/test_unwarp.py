@@ -609,3 +609,30 @@ def test_a_line_that_ends_before_it_begins_is_named(tmp_path):
     path.write_text("row,direction,start (s),end (s)\n0,1,0.1,0.2\n1,1,0.4,0.3\n")
     with pytest.raises(RecordError, match=r"line 3: the line ends at 0.3 s, and begins at 0.4 s: are the columns"):
         read_lines(path)
+
+
+def test_a_single_line_is_corrected_with_the_model_of_y_too(model):
+    """One row does not rise: it was refused as if the slow axis did not move."""
+    scan = scans.raster(width=18.0, lines=1, rate=4.0, sample_rate=FS, offset=(13.0, 13.0))
+    volts = [axis.position / GAIN for axis in scan.axes]
+    shown = scans.images(scan, TEXTURE(*[scans.at_pixels(scan, moved(one), 64) for one in volts]))
+    made = truestroke.unwarp(shown, ScanRecord.of(scan, *volts), model, model)
+    alone = truestroke.unwarp(shown, ScanRecord.of(scan, *volts), model)
+    np.testing.assert_array_equal(made.images["trace"].data, alone.images["trace"].data)
+    assert made.images["trace"].size[1] == pytest.approx(18.0)
+    assert abs(made.after[0]) < 0.1
+
+
+def test_a_trigger_that_is_missing_is_named_with_its_remedy(shown, scan, volts, model):
+    record = ScanRecord.of(scan, *volts)
+    trace = dataclasses.replace(record, lines=record.lines[record.lines["direction"] > 0])
+    with pytest.raises(ImageError, match=r"0 lines of it: .*`retrace_trigger` of the retrace, and a table of `lines`"):
+        truestroke.unwarp(shown, trace, model)
+
+
+@pytest.mark.filterwarnings("error")
+def test_images_that_share_one_pixel_have_a_shift_of_whole_pixels():
+    """scikit-image warned that it could not determine an error, with the path of its caller."""
+    first = scans.Image(data=np.array([[1.0, 0.0], [0.0, 0.0]]), size=(1.0, 1.0))
+    second = scans.Image(data=np.array([[0.0, 0.0], [0.0, 1.0]]), size=(1.0, 1.0))
+    assert all(float(n).is_integer() for n in scans.shift(first, second))

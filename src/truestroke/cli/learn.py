@@ -90,9 +90,13 @@ def learn(
         return common.complain(str(error), ExitCode.STOPPED)
     except truestroke.DriverError as error:
         return common.complain(str(error), ExitCode.DRIVER)
-    model, why = _model(found, given.get("model"), model_file)
-    made = learning.page(found, common.to_repeat())
-    pictures = common.save_page(made, page_file, plots)
+    try:
+        model, why = _model(found, given.get("model"), model_file)
+        made = learning.page(found, common.to_repeat())
+        pictures = common.save_page(made, page_file, plots)
+    except (KeyboardInterrupt, OSError):
+        common.complain(f"all passes are done; {_kept(found, target)}")
+        raise
     if as_json:
         written: dict[str, Any] = {"waveform": str(target), "model": model and str(model), "no_model": why}
         written |= {"page": str(page_file), "pictures": pictures}
@@ -163,10 +167,6 @@ def _learned(
     waits = [expected]
     write, show = _reporter(target, as_json), common.activity(as_json)
 
-    def kept() -> str:
-        one = best[-1].best
-        return f"{target} has the best waveform so far, of pass {one.number}, rmse {one.rmse:.4g} um"
-
     def report(found: Learned) -> None:
         write(found)
         best.append(found)
@@ -188,13 +188,18 @@ def _learned(
     except truestroke.TruestrokeError as error:
         if not best:
             raise
-        words = f"{error}; {kept()}"
+        words = f"{error}; {_kept(best[-1], target)}"
         kinds = StoppedError, truestroke.DriverError
         raise next((kind for kind in kinds if isinstance(error, kind)), click.ClickException)(words) from error
     except KeyboardInterrupt:
         if best:
-            common.complain(kept())
+            common.complain(_kept(best[-1], target))
         raise
+
+
+def _kept(found: Learned, target: Path) -> str:
+    """What is on the disk when no further pass comes."""
+    return f"{target} has the best waveform so far, of pass {found.best.number}, rmse {found.best.rmse:.4g} um"
 
 
 def _expect(driver: Watched, found: Learned, given: dict[str, Any]) -> None:

@@ -479,17 +479,18 @@ class ActuatorModel(Displayed, Layout):
         ::
 
             sqrt(
-                k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 1.96^2 (a^2 + (late s)^2)
+                k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 1.96^2 (a^2 + (late s)^2 + n^2)
                 + 2.45^2 (walk^2 t + (drift t)^2 + creep^2)
             )
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
         predicted velocity, d the distance of the motion from all that the record shows and g its growth (`explored`),
         a how far `plain` differs from a model with branches beyond their usual difference, s by how much the motion is
-        faster than `usual_velocity`, late by how much such motion may be late (`interval.of_speed`), t the time since
-        the end of the record: the zero walks and drifts on, at rest, too, and creeps by 1 % of the stroke or more in
-        each tenfold of the record's `duration`. Where the record has loops of one family, such as one sine, the
-        interval of motion inside of them is no less than that of `interval.of_inner_loops`.
+        faster than `usual_velocity`, late by how much such motion may be late (`interval.of_speed`), n the error
+        `interval.beyond` the voltages of the record, t the time since its end: the zero walks and drifts on, at rest,
+        too, and creeps by 1 % of the stroke or more in each tenfold of the record's `duration`. Where the record has
+        loops of one family, such as one sine, the interval of motion inside of them is no less than that of
+        `interval.of_inner_loops`.
 
         Parameters
         ----------

@@ -63,11 +63,10 @@ def of_motion(
 
     ::
 
-        J P J' + noise^2 + (jitter v)^2 + (growth d)^2 + (BEYOND stroke b)^2
+        J P J' + noise^2 + (jitter v)^2 + (growth d)^2
 
-    v is the velocity of the strain, d the distance of the motion from all that the record shows (`model.explored`), b
-    that of the voltage from those of the record, over their range; P the covariance of the model if none is given, and
-    `centred` as in `of_weights`.
+    v is the velocity of the strain, d the distance of the motion from all that the record shows (`model.explored`); P
+    the covariance of the model if none is given, and `centred` as in `of_weights`.
     """
     strain = model.strain(volts, sample_rate)
     v = central_difference(strain, sample_rate)
@@ -82,8 +81,18 @@ def _of_distance(model: ActuatorModel, volts: FloatArray, v: FloatArray) -> Floa
     every = -(-volts.size // POINTS)
     at = places(volts, v, model.voltage_range, model.velocity, every)
     away = model.explored.growth * model.explored.distance(at)
-    beyond = BEYOND * model.stroke * model.explored.beyond(at)
-    return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), away**2 + beyond**2)
+    return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), away**2)
+
+
+def beyond(model: ActuatorModel, volts: FloatArray) -> FloatArray:
+    """Variance of the error beyond the voltages of the record, (BEYOND stroke b)^2, um^2, shape (samples,).
+
+    b is how far the voltage is from those of the record (`model.explored`), over their range.
+    """
+    if model.explored is None or not volts.size:
+        return np.zeros_like(volts)
+    at = places(volts, np.zeros_like(volts), model.voltage_range, model.velocity)
+    return np.asarray((BEYOND * model.stroke * model.explored.beyond(at)) ** 2)
 
 
 def _derivative(model: ActuatorModel, x: FloatArray, fs: float, z: FloatArray, every: int) -> FloatArray:
@@ -218,11 +227,11 @@ def half_width(
 ) -> FloatArray:
     """Of the 95 % interval, um, shape (samples,), with the variance of the zero, um^2.
 
-    The factor of the motion is that of cross-validation; `predicted` as of `apart`. It is no less than that of inner
-    loops, where the record has none.
+    The factor of the motion is that of cross-validation, whose errors have nothing `beyond` the voltages; `predicted`
+    as of `apart`. It is no less than that of inner loops, where the record has none.
     """
     motion = model.coverage_factor**2 * of_motion(model, volts, sample_rate)
-    more = apart(model, volts, sample_rate, predicted) + of_speed(model, volts, sample_rate)
+    more = apart(model, volts, sample_rate, predicted) + of_speed(model, volts, sample_rate) + beyond(model, volts)
     least = COVERED**2 * of_inner_loops(model, volts, sample_rate)
     return np.asarray(np.sqrt(np.maximum(motion + COVERED**2 * more + OF_ZERO**2 * zero, least)))
 

@@ -600,7 +600,7 @@ def _rows_area(image: Image, along: Mapping[str, FloatArray]) -> tuple[float, fl
     if not along:
         return image.origin[1], image.origin[1] + image.size[1]
     middle = np.mean([one.mean(axis=1) for one in along.values()], axis=0)
-    half = (middle[-1] - middle[0]) / max(middle.size - 1, 1) / 2
+    half = (middle[-1] - middle[0]) / (middle.size - 1) / 2 if middle.size > 1 else image.size[1] / 2
     if not half > 0:
         raise ImageError("y does not rise from row to row: the slow axis did not move, or downwards; flip the image")
     return float(middle[0] - half), float(middle[-1] + half)
@@ -622,7 +622,7 @@ def _resampled(image: Image, x: FloatArray, y: FloatArray | None, area: Area) ->
         order = np.maximum.accumulate(x[i])
         data[i] = _between(even, order, image.data[i])
         height[i] = np.interp(even, order, y[i]) if y is not None else 0.0
-    if y is not None:
+    if y is not None and rows > 1:  # a single line is where it is
         level = low + (np.arange(rows) + 0.5) * (high - low) / rows
         for j in range(columns):
             data[:, j] = _between(level, np.maximum.accumulate(height[:, j]), data[:, j])

@@ -93,7 +93,10 @@ def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: fl
         lost = "it has lost its last rows, as of a scan that was stopped, or "
         return (lost if rows < columns else "") + "it is turned by 90 degrees"
     if not lines.size:
-        return "its trigger is missing, or is that of the other direction"
+        return (
+            "its trigger is missing, or is that of the other direction: `trigger` is of the trace, `retrace_trigger` "
+            "of the retrace, and a table of `lines` is of both"
+        )
     if lines.size > rows:
         return "the image is of another scan or has lost rows, or the trigger is another signal"
     apart = np.diff(lines["start"])

@@ -269,6 +269,13 @@ class IterativeLearning(Displayed):
             checks.instance("model", model, ActuatorModel, "an ActuatorModel, such as of truestroke.load_model(path)")
             periods = 1 + math.ceil(0.1 * self.sample_rate / self.samples)
             volts = model.invert(np.tile(self.desired, periods), self.sample_rate, warn=False)[-self.samples :]
+            if not np.ptp(volts) > 0:
+                low, high = model.voltage_range
+                span, what = figures(float(np.ptp(self.desired))), f"one of {figures(model.stroke)} um"
+                bound = (
+                    f"one of this axis: by it a motion of {span} um is at one voltage; leave it out, or identify anew"
+                )
+                raise SettingError("model", f"{what} for {figures(low)} to {figures(high)} V", bound)
         fastest = float(np.abs(np.diff(volts, append=volts[:1])).max()) * self.sample_rate
         if fastest > self.slew_limit:
             bound = f"at least {figures(fastest, 4)} V/s, which the motion needs: raise it, or move slower or less"

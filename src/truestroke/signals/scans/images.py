@@ -459,7 +459,9 @@ def shift(reference: Image, moved: Image) -> tuple[float, float]:
     whole = _correlated(phase_cross_correlation, reference.data, moved.data, 1).astype(int)
     cut = [(slice(max(-n, 0), min(-n, 0) or None), slice(max(n, 0), min(n, 0) or None)) for n in whole.tolist()]
     first, second = reference.data[cut[0][1], cut[1][1]], moved.data[cut[0][0], cut[1][0]]  # what both of them show
-    down, right = whole + _correlated(phase_cross_correlation, first, second, UPSAMPLED)
+    if min(np.ptp(first), np.ptp(second)) > 0:
+        whole = whole + _correlated(phase_cross_correlation, first, second, UPSAMPLED)
+    down, right = whole
     return 0.0 - float(right), 0.0 - float(down)
 
 
