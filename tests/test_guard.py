@@ -113,7 +113,7 @@ def test_what_kept_weights_missed_counts_until_they_are_asked_again() -> None:
 
 def test_weights_of_a_slow_motion_are_not_held_in_a_fast_one() -> None:
     """f0 given 15 % too low: they were 50 to 80 % off in a sine of f0/4, where the error was 4 %."""
-    _, error, _ = changing_motion.follow(5118, 0.85, measured=False)
+    _, error, _ = changing_motion.follow(5118, 0.85, measured=False, last="fast")
     assert error["fast"][1] < 20
     assert error["fast"][0] < 5
 
