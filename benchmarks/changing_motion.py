@@ -95,13 +95,21 @@ def motion(number: int, f0: float, rate: float, span: float, middle: float) -> t
     return order, begins, ticks, np.concatenate(parts, axis=1)
 
 
-def follow(number: int, resonance: float, measured: bool) -> tuple[str, dict[str, tuple[float, float]], float]:
-    """The stage in words; of each kind of motion rms after its first third and largest error, %; s of bursts."""
+def follow(
+    number: int, resonance: float, measured: bool, last: str | None = None
+) -> tuple[str, dict[str, tuple[float, float]], float]:
+    """The stage in words; of each kind of motion rms after its first third and largest error, %; s of bursts.
+
+    With `last` the run ends behind that kind of motion.
+    """
     warnings.simplefilter("ignore")
     bottom, top = travel(sampled(number)[0])
     stage, words = sampled(number)
     f0, span = stage.modes[0][0], top - bottom
     order, begins, ticks, z = motion(number, f0, stage.rate, span, (top + bottom) / 2)
+    if last is not None:
+        order = order[: order.index(last) + 1]
+        z = z[:, : begins + len(order) * ticks]
     known = (
         {"dynamics": measure_dynamics(stage, voltage_limits=stage.limits)}
         if measured

@@ -229,7 +229,7 @@ def test_a_travel_that_was_given_is_named_where_more_of_it_helps() -> None:
 
 @pytest.mark.parametrize("noise", [0.01, 0.1], ids=["bad", "refused"])
 def test_a_slew_limit_that_makes_the_excitation_small_is_named_with_what_helps(noise: float) -> None:
-    stage = StagePlant(StageSettings(sample_rate=20_000.0, resonances=(900.0,), noise=noise))
+    stage = StagePlant(StageSettings(sample_rate=5000.0, resonances=(900.0,), noise=noise))
     try:
         reasons = " ".join(measure_bode(stage, **LIMITS, slew_limit=10.0, duration=1.0).verdict.reasons)
     except DynamicsError as error:
@@ -328,9 +328,8 @@ slew = 400.0
 def test_the_command_measures_one_axis_of_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("xy.toml").write_text(TWO)
-    for name, frequency in (("x", 300.0), ("y", 210.0)):
-        assert run("--config", "xy.toml", "--axis", name, "--duration", "1", "--output", name)[0] == 0
-        assert Dynamics.load(f"{name}.toml").modes[0].frequency == pytest.approx(frequency, rel=0.003)
+    assert run("--config", "xy.toml", "--axis", "y", "--duration", "1", "--output", "y")[0] == 0
+    assert Dynamics.load("y.toml").modes[0].frequency == pytest.approx(210.0, rel=0.003)
     for words, said in (
         (("--config", "xy.toml"), "xy.toml: --axis = missing: must be one of x, y"),
         (("--config", "xy.toml", "--axis", "z"), "xy.toml: --axis = 'z': must be one of x, y"),
@@ -406,8 +405,8 @@ def test_what_can_be_refused_before_the_stage_moves_is(
 
 
 def test_foreign_stages_are_followed_within_a_third_of_a_per_cent() -> None:
-    """`python -m benchmarks.foreign_stages` has 24 of them; one with a second mode, measured first, for 2 s."""
-    motion, rms, largest = foreign_stages.follow(3, given=True, duration=2.0)
+    """`python -m benchmarks.foreign_stages` has 24 of them; one with a second mode, measured first, for 1 s."""
+    motion, rms, largest = foreign_stages.follow(3, given=True, duration=1.0)
     assert motion == "sine   0.15 f0 good"
     assert rms < 0.1
     assert largest < 1.0
@@ -435,7 +434,7 @@ class Filtered(Stage):
         return z
 
 
-@pytest.mark.parametrize(("rate", "lag"), [(2000.0, 0.0), (10_000.0, 20_000.0)])
+@pytest.mark.parametrize(("rate", "lag"), [(2000.0, 0.0), (4000.0, 8000.0)])
 def test_a_measurement_that_seems_early_may_be_behind_a_digital_filter(rate, lag):
     modes = [(0.25 * rate, 0.006, 1.0)]
     stage = Filtered(modes, rate, hysteresis=Duhem(0.15), lag=lag)

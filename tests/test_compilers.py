@@ -21,7 +21,7 @@ SOURCES = [
     "plant/stage.c",
     "plant/axes.c",
 ]
-TARGETS = ["x86_64-windows-gnu", "x86_64-macos", "aarch64-macos", "aarch64-linux-musl"]
+TARGETS = ["x86_64-windows-gnu", "aarch64-macos", "aarch64-linux-musl"]  # `make zig` has x86_64-macos, too
 FORMATS = {"windows": b"\x64\x86", "macos": b"\xcf\xfa\xed\xfe", "linux": b"\x7fELF"}
 MINGW = "apt-get install gcc-mingw-w64-x86-64 wine64"
 

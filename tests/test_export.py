@@ -108,8 +108,8 @@ def keep(made: list[Path], place: Path) -> None:
         shutil.rmtree(old)
 
 
-BUILT = ("default-double", "default-single", "paper-single", "stage-single", "nm and kV-double")
-OPTIMISED_ON_A_CORE = ("default-double", "stage-single")
+BUILT = ("default-double", "paper-single", "stage-single", "nm and kV-double")
+ON_A_CORE = {"default-double": "-O2", "paper-single": "-O0", "stage-single": "-O2"}
 
 
 @pytest.fixture(scope="module", params=BUILT)
@@ -141,16 +141,6 @@ def single(tmp_path: Path) -> Path:
     return export_c(AdaptiveController(**BENCH), tmp_path / "c", precision="single", ticks=200).folder
 
 
-def test_the_self_test_fails_where_a_setting_differs(single: Path) -> None:
-    settings = single / "settings.c"
-    text = settings.read_text()
-    assert ".stroke = 20.0f" in text
-    settings.write_text(text.replace(".stroke = 20.0f", ".stroke = 21.0f"))
-    done = make(single, "test", DEBUGGED)
-    assert done.returncode != 0
-    assert done.stdout.startswith("FAILED: ")
-
-
 def test_before_its_start_the_voltage_is_the_safe_one_and_bad_values_keep_the_last(single: Path) -> None:
     assert make(single, "adaptive.a", DEBUGGED).returncode == 0
     whole = ["-Wl,--whole-archive", "adaptive.a", "-Wl,--no-whole-archive"]
@@ -176,6 +166,16 @@ def test_before_its_start_the_voltage_is_the_safe_one_and_bad_values_keep_the_la
     assert volts == 10.0
 
 
+def test_the_self_test_fails_where_a_setting_differs(single: Path) -> None:
+    settings = single / "settings.c"
+    text = settings.read_text()
+    assert ".stroke = 20.0f" in text
+    settings.write_text(text.replace(".stroke = 20.0f", ".stroke = 21.0f"))
+    done = make(single, "test", DEBUGGED)
+    assert done.returncode != 0
+    assert done.stdout.startswith("FAILED: ")
+
+
 BOARD = """
 #include <stdio.h>
 #include "board.h"
@@ -188,10 +188,10 @@ board_motion board_desired(void) { return (board_motion){1000, 0, 0}; }
 """
 
 
-def written_volts(folder: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def written_volts(folder: Path, flags: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """What leaves a loop that is asked for the impossible, and ends."""
     (folder / "replay.c").write_text(BOARD)
-    done = make(folder, "test", DEBUGGED)
+    done = make(folder, "test", flags)
     assert done.returncode == 0, done.stderr
     return np.array(done.stdout.split(), dtype=float)
 
@@ -218,13 +218,17 @@ file = "run.h5"
 """
 
 
-@pytest.mark.parametrize(("controller", "slew"), [("adaptive", 400.0), ("paper", 300.0)])
-def test_the_voltages_of_a_configuration_keep_its_limits(controller: str, slew: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(  # with objects that other tests have made
+    ("controller", "slew", "flags"), [("adaptive", 400.0, DEBUGGED), ("paper", 300.0, OPTIMISED)]
+)
+def test_the_voltages_of_a_configuration_keep_its_limits(
+    controller: str, slew: float, flags: str, tmp_path: Path
+) -> None:
     config = tmp_path / "stage.toml"
     config.write_text(CONFIG.format(controller=controller, slew=slew, more=""))
     code, printed = call("--config", str(config), "--ticks", "100", "--output", str(tmp_path / "c"))
     assert code == 0, printed
-    volts = written_volts(tmp_path / "c")
+    volts = written_volts(tmp_path / "c", flags)
     assert (volts[0], volts[-1]) == (1.25, 1.25)
     assert volts.max() == pytest.approx(3.6)
     assert volts.min() >= -0.6
@@ -272,10 +276,11 @@ def test_single_precision_has_no_double_arithmetic(single: Path) -> None:
 
 
 @pytest.mark.usefixtures("cortex_m")
+@pytest.mark.parametrize("exported", ON_A_CORE, indirect=True)
 def test_a_cortex_m_gives_the_bits_of_the_desk(exported: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """One of each core is optimised so far that products and sums would be contracted, if that were not forbidden."""
     core = "m4" if exported.name == "single" else "m7"
-    level = "-O2" if request.node.callspec.params["exported"] in OPTIMISED_ON_A_CORE else "-O0"
+    level = ON_A_CORE[request.node.callspec.params["exported"]]
     folder = ROOT / "examples/cortex-m"
     texts, options = [*exported.rglob("*.[ch]"), *folder.iterdir()], ["CC=arm-none-eabi-gcc", f"OPTIMISED={level}"]
     arguments = ["-f", str(folder / "Makefile"), f"EXPORT={exported}", "OUT=.", *options, f"{core}.elf", f"{core}.run"]
@@ -517,7 +522,9 @@ def test_limits_that_single_precision_rounds_are_no_reason_to_refuse(limits, fla
     """
     controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=limits)
     folder = export_c(controller, tmp_path / "chip", precision="single", ticks=100).folder
-    assert make(folder, "test", *flags).stdout.startswith("passed: 100 of 100")
+    done = make(folder, "test", *flags)
+    assert done.stdout.startswith("passed: 100 of 100")
+    assert done.stderr == ""
 
 
 def test_a_dead_time_needs_a_longer_history(tmp_path: Path) -> None:
@@ -585,7 +592,7 @@ def test_the_command_starts_from_what_a_run_has_learned(tmp_path: Path, monkeypa
     weights = re.search(r"\.initial_weights = \{(.*)\},", Path("chip/settings.c").read_text())
     assert weights is not None
     np.testing.assert_array_equal(np.array(weights[1].split(","), dtype=float), Recording.load("run.h5")["weights"][-1])
-    assert make(Path("chip"), "test", DEBUGGED).stdout.startswith("passed: 100 of 100")
+    assert make(Path("chip"), "test", OPTIMISED).stdout.startswith("passed: 100 of 100")
     assert "#define ADAPTIVE_ZERO 0.0" in Path("chip/adaptive.h").read_text()
     kept = Recording.load("run.h5")
     seen = {"axis": {"name": "x"}, "axis_check": {"x": {"zero": 12.5}}}  # as `truestroke run` writes it

@@ -8,7 +8,7 @@ from scipy import signal
 
 from truestroke import AdaptiveController, ControllerSettings, Dynamics, Mode, SettingError, run
 from truestroke.base.flags import BIT
-from truestroke.control import adaptation, feasibility, stage
+from truestroke.control import feasibility, stage
 from truestroke.control.reference import ReferenceController
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals import trajectories
@@ -219,7 +219,7 @@ def test_a_new_latency_designs_the_feedback_anew_but_not_one_that_was_chosen() -
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
 def test_kernel_and_numpy_text_in_the_loop_of_run() -> None:
     """A motion that raises the slew limit, with preview, and hum that is added on the way: the same to the last bit."""
-    wave = trajectories.sine(frequency=300.0, peak_to_peak=20.0, duration=0.2, sample_rate=RATE, offset=12.0, ramp=0.05)
+    wave = trajectories.sine(frequency=300.0, peak_to_peak=20.0, duration=0.1, sample_rate=RATE, offset=12.0, ramp=0.05)
     volts = []
     for make in (AdaptiveController.from_settings, ReferenceController):
         controller = make(ControllerSettings(**AXIS, slew_limit=None))
@@ -231,19 +231,14 @@ def test_kernel_and_numpy_text_in_the_loop_of_run() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
-def test_kernel_and_numpy_text_where_a_load_is_too_small_for_an_alarm(monkeypatch) -> None:
+def test_kernel_and_numpy_text_where_a_load_is_too_small_for_an_alarm() -> None:
     """After the error has been small for long 0.1 um are no alarm, 0.3 um are: the same to the last bit, flags, too."""
     rate, stage_of = 2500.0, {"resonances": (250.0,), "dampings": (0.02,), "voltage_limits": LIMITS}
     wave = trajectories.sine(frequency=40.0, peak_to_peak=18.0, duration=0.8, sample_rate=rate, offset=12.0, ramp=0.05)
     tick, alarms, volts = np.arange(len(wave)), [], []
     known = Dynamics(sample_rate=rate, modes=(Mode(frequency=250.0, damping=0.02),))
     settings = ControllerSettings(**AXIS | {"sample_rate": rate, "dynamics": known})
-    for share, make in (
-        (0.4, AdaptiveController.from_settings),
-        (0.4, ReferenceController),
-        (1.0, ReferenceController),
-    ):
-        monkeypatch.setattr(adaptation, "STEADY", share)  # of the NumPy text
+    for make in (AdaptiveController.from_settings, ReferenceController):
         plant = StagePlant(
             StageSettings(sample_rate=rate, **stage_of), seed=1, load=0.1 * (tick >= 1700) + 0.3 * (tick >= 1900)
         )
@@ -252,14 +247,13 @@ def test_kernel_and_numpy_text_where_a_load_is_too_small_for_an_alarm(monkeypatc
         volts.append(recording["volts"].tolist())
     assert volts[0] == volts[1]
     assert alarms[0] == alarms[1]
-    assert [k // 100 for k in alarms[1]] == [19]
-    assert [k // 100 for k in alarms[2]] == [17, 19]
+    assert [k // 100 for k in alarms[1]] == [19]  # with `adaptation.STEADY` = 1 it is [17, 19]
 
 
 def grows_twice(make):
     """A stage that is found, and an error at 61 Hz that grows to 0.4 % of the motion and vanishes, twice."""
     rate = 1500.0
-    wave = trajectories.sine(frequency=20.0, peak_to_peak=20.0, duration=4.0, sample_rate=rate, offset=12.0, ramp=0.05)
+    wave = trajectories.sine(frequency=20.0, peak_to_peak=20.0, duration=3.4, sample_rate=rate, offset=12.0, ramp=0.05)
     time = np.arange(len(wave)) / rate
     load = 0.04 * np.sin(2 * np.pi * 61.0 * time) * (((time > 1.5) & (time < 2.3)) | ((time > 2.6) & (time < 3.2)))
     plant = StageSettings(sample_rate=rate, resonances=(80.0,), dampings=(0.01,), voltage_limits=LIMITS)

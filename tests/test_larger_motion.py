@@ -89,7 +89,6 @@ def test_the_next_update_returns_a_share_of_the_covariance_to_the_prior(outgrown
     assert not law.outgrown
 
 
-@pytest.mark.parametrize(("rows", "before"), [(100.0, 0.127), (50.0, 0.1)])
-def test_a_motion_that_grows_slowly_has_not_outgrown_the_law(rows: float, before: float) -> None:
-    """Largest distortion of a scan, pixels; `before`, where y was less sure in a row each time it had 5 % more."""
-    assert scanning.followed(rows=rows)[0] < before / 1.6
+def test_a_motion_that_grows_slowly_has_not_outgrown_the_law() -> None:
+    """Largest distortion of a scan, pixels; before y was less sure in a row each time it had 5 % more: 0.127."""
+    assert scanning.followed(rows=100.0)[0] < 0.127 / 1.6

@@ -229,7 +229,7 @@ def linear(learned, G):
     return np.fft.irfft(G * np.fft.rfft(learned.volts), learned.samples)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     gain=st.floats(0.3, 3.0),
     late=st.floats(0.0, 1.0),
@@ -1032,6 +1032,7 @@ def test_the_page_shows_a_long_repetition_in_seconds(frequency, unit):
 # ---- Files ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_what_was_learned_before_is_kept_under_another_name_unless_it_may_be_replaced(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     dynamics(900.0, 0.02).save("known.toml")

@@ -181,7 +181,7 @@ def test_the_kernel_is_the_numpy_text_while_it_rings(resonance) -> None:
     plant, lost = RealisticPlant(PlantSettings(resonance=resonance), seed=1), np.random.default_rng(1)
     plant.open()
     wave = random_wave(duration=1.0, cutoff=10.0, peak_to_peak=20.0, seed=1)
-    for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
+    for k, (z_d, zdot_d) in enumerate(zip(wave.position[:1250], wave.velocity[:1250], strict=True)):
         x = kernel.command(z_d, zdot_d)
         assert text.command(z_d, zdot_d) == x
         z = plant.exchange(np.array([x]))[0]
@@ -189,10 +189,10 @@ def test_the_kernel_is_the_numpy_text_while_it_rings(resonance) -> None:
         kernel.adapt(z)
         text.adapt(z)
         assert kernel.flag_bits == text.flag_bits
-        if k == 1500:
+        if k == 900:
             kernel.change(trim_rate=10.0)
             text.change(kernel.settings)
-        if k == 1800:
+        if k == 1100:
             kernel.change(resonance=2 * resonance)
             text.change(kernel.settings)
     np.testing.assert_array_equal(kernel.weights, text.weights)

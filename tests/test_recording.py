@@ -54,7 +54,7 @@ def assert_equal_to_the_bit(a, b):
         lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     ),
 )
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_round_trip_to_the_bit(tmp_path, data, text, metadata):
     recording = Recording({"x": Channel(data, text, text, "x")}, {"about": metadata})
     assert_equal_to_the_bit(recording, Recording.load(recording.save(tmp_path / "run.h5")))

@@ -106,10 +106,10 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     hold, rest, start, new settings: voltage, weights, innovation, flags every tick; all that both show every tenth."""
     rng = np.random.default_rng(len(name))
     kernel, text = AdaptiveController.from_settings(settings_of(name)), ReferenceController(settings_of(name))
-    z_d, zdot_d = random_wave(rng, 2500, swing=16.0)
-    z_d[300:320] += 60.0  # saturation
-    zdot_d[400:420] *= 1e4  # singularity: the guard
-    z_d[1000:1200], zdot_d[1000:1200] = z_d[1000], 0.0  # rest
+    z_d, zdot_d = random_wave(rng, 1300, swing=16.0)
+    z_d[150:170] += 60.0  # saturation
+    zdot_d[200:220] *= 1e4  # singularity: the guard
+    z_d[500:600], zdot_d[500:600] = z_d[500], 0.0  # rest
     plant = ModifiedPrandtlIshlinskii(r=STACK.r, w_h=STACK.a, d=[0, 12, 20], w_s=[1, 0.06, -0.04])
     z_a, y = np.zeros(z_d.size), np.zeros(8)
     seen = 0
@@ -124,15 +124,15 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
         assert text.command(z_d[k], zdot_d[k], *known, **among) == x
         z_a[k], y = plant.step(x, y)
         z_a[k] += 0.05 * taken[:1].sum()
-        z_a[k] *= 1.0 if k < 1400 else 0.75  # a sudden change
-        ago = int(rng.choice([0, 0, 0, 0, 1, rng.integers(-1, ago_most)])) if k < 1300 or k > 1600 else 0
+        z_a[k] *= 1.0 if k < 700 else 0.75  # a sudden change
+        ago = int(rng.choice([0, 0, 0, 0, 1, rng.integers(-1, ago_most)])) if k < 650 or k > 800 else 0
         measured = z_a[min(max(k - ago, 0), k)] + 0.03 * rng.standard_normal() + 40.0 * (rng.random() < 0.02)
-        if 2100 <= k < 2250:
+        if 1050 <= k < 1150:
             measured = 0.03 * rng.standard_normal()  # the cable is off: to the limit, and beyond the aim when it is on
         fate = rng.random()
-        if k % 90 == 0 and name != "slow" and not 1200 <= k < 1700:
+        if k % 90 == 0 and name != "slow" and not 600 <= k < 850:
             ago = HISTORY + k // 90 % 3 - 1  # the oldest that may come, and one too old
-        if fate > 0.1 and not 1700 <= k < 1790:  # and a silence
+        if fate > 0.1 and not 850 <= k < 940:  # and a silence
             measured = {0: np.nan, 1: -np.inf, 2: 1e9}.get(int(fate * 100) % 25, measured)
             kernel.adapt(measured, ago)
             text.adapt(measured, ago)
@@ -142,7 +142,7 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
             kernel.resume(), text.resume()
         assert_same(text, kernel, f"tick {k}", whole=k % 10 == 0)
         seen |= text.flag_bits
-        if k == 2000 and name != "paper":
+        if k == 1000 and name != "paper":
             same = kernel.settings.dead_zone_weights
             changes = {"trim_rate": 5.0, "prior_return_time": 1.0, "dead_zone_weights": same}
             kernel.change(**changes), text.change(dataclasses.replace(text.settings, **changes))
@@ -228,9 +228,9 @@ def test_a_block_is_sample_by_sample_and_a_saved_run_goes_on(name, precision, ag
         np.testing.assert_array_equal(state[name], value, err_msg=name)
 
 
-# ---- Twenty minutes --------------------------------------------------------------------------------------------------
+# ---- Five minutes ----------------------------------------------------------------------------------------------------
 
-MINUTES_20 = 2_400_000
+MINUTES_5 = 600_000  # with P as printed the law stopped after two
 
 
 def inputs(kind, rng):
@@ -250,17 +250,17 @@ def inputs(kind, rng):
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("name", ["paper", "default"])
 @pytest.mark.parametrize("kind", ["zero", "constant", "NaN-laced sine"])
-def test_twenty_minutes_leave_every_state_finite_and_the_law_alive(kind, name, precision) -> None:
+def test_five_minutes_leave_every_state_finite_and_the_law_alive(kind, name, precision) -> None:
     rng = np.random.default_rng(9)
     controller = AdaptiveController.from_settings(dataclasses.replace(settings_of(name), precision=precision))
     z_d, zdot_d, measured = inputs(kind, rng)
-    for _ in range(MINUTES_20 // z_d.size):
+    for _ in range(MINUTES_5 // z_d.size):
         controller.process(z_d, zdot_d, measured)
-    assert controller.counters.commands == MINUTES_20
+    assert controller.counters.commands == MINUTES_5
     for entry, value in controller.state().items():
         assert np.isfinite(value).all(), entry
     # Next to no measurement but the lost ones was refused, and P stayed within its limit.
-    lost = np.count_nonzero(~np.isfinite(measured)) * MINUTES_20 // z_d.size
+    lost = np.count_nonzero(~np.isfinite(measured)) * MINUTES_5 // z_d.size
     assert lost <= controller.counters.rejected <= lost + 20
     if name == "paper":
         assert controller.diagnostics.trace_P <= controller.settings.covariance_limit * 1.0001
@@ -285,10 +285,10 @@ def exactly_modelled(controller, z_d, zdot_d, noise, memory=0.0):
     return error, memory
 
 
-@pytest.mark.parametrize(("precision", "minutes"), [("double", 1.0), ("single", 0.5)])
+@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize(("name", "bound"), [("paper", 0.01), ("default", 0.01)])
 @pytest.mark.parametrize("z_rest", [0.0, 15.0])
-def test_after_rest_the_law_follows_again(z_rest, name, bound, precision, minutes) -> None:
+def test_after_rest_the_law_follows_again(z_rest, name, bound, precision) -> None:
     """True rmse in um half a second after the rest, with 20 nm noise.
 
     With P as printed the law stopped for good: in double after two minutes, in single after 0.2 s.
@@ -296,7 +296,7 @@ def test_after_rest_the_law_follows_again(z_rest, name, bound, precision, minute
     rng = np.random.default_rng(4)
     controller = AdaptiveController.from_settings(dataclasses.replace(settings_of(name), precision=precision))
     wave = random_wave(rng, 4000)
-    rest = np.full(int(minutes * 120_000), z_rest), np.zeros(int(minutes * 120_000))
+    rest = np.full(30_000, z_rest), np.zeros(30_000)  # 15 s
     memory = 0.0
     for z_d, zdot_d in (wave, rest, wave):
         noise = 0.02 * rng.standard_normal(z_d.size)

@@ -397,8 +397,8 @@ def test_refine_refuses_a_record_that_contradicts_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     t = np.arange(4000) / 2000.0
     x = 1.5 - 1.5 * np.cos(9 * t) * np.cos(t)
-    save_model("model.toml", identify((x, 10 * x, 2000.0)).model)
-    np.savez("record.npz", time=t, volts=x, measured=9 * x)
+    save_model("model.toml", perfect())
+    np.savez("record.npz", time=t, volts=x, measured=plays(x))
     command = ["refine", "record.npz", "--model", "model.toml", "--sample-rate", "10000"]
     refused = CliRunner().invoke(main, command)
     assert (refused.exit_code, Path("refined.toml").exists()) == (1, False)

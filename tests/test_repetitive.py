@@ -79,9 +79,7 @@ def rms(x):
 # ---- Stages --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("frequency", "f0", "known", "kind"), [(50.0, 900.0, 1.03, "bouc-wen"), (100.0, 400.0, 0.98, "plays")]
-)
+@pytest.mark.parametrize(("frequency", "f0", "known", "kind"), [(50.0, 900.0, 1.03, "bouc-wen")])
 def test_a_raster_is_learned_with_a_wrong_resonance_and_a_tick_of_dead_time(frequency, f0, known, kind):
     wave = trajectories.raster(
         frequency=frequency, peak_to_peak=20.0, duration=6.5, sample_rate=10_000.0, offset=12.0, turn=0.2
@@ -205,7 +203,7 @@ def test_another_period_begins_with_what_was_learned():
     assert controller.period == pytest.approx(1 / 24.0, rel=1e-4)
 
 
-@pytest.mark.parametrize("speed", [0.5, 1.2, 2.0])
+@pytest.mark.parametrize("speed", [0.5, 2.0])
 def test_at_another_speed_it_is_not_worse_than_the_controller_alone(speed):
     """A correction of another speed beside a controller that has learned had 14 to 79 times its error."""
     rate, ticks = 5000.0, [125, round(125 / speed)]

@@ -273,7 +273,7 @@ def test_a_burst_of_a_sudden_fast_motion_is_over_at_once(f0: float, before: floa
 @pytest.mark.parametrize(("f0", "slow", "rest"), [(800.0, 0.0, 0.5), (288.0, 20.0, 0.9)], ids=["rest", "slow"])
 def test_the_kernel_is_the_numpy_text_in_a_burst(f0: float, slow: float, rest: float) -> None:
     """The search stays where it is at rest, and begins above where it is low, at 63 Hz after 0.9 s of a slow motion."""
-    wave = sudden(f0, slow, rest, 0.35)
+    wave = sudden(f0, slow, rest, 0.25)
     wave = dataclasses.replace(wave, acceleration=np.gradient(wave.velocity) * RATE)
     kernel, _ = followed_alike(stage(f0, dampings=(0.018,), hysteresis_kind="preisach"), wave)
     assert kernel.resonance == pytest.approx(f0, rel=0.1)
@@ -432,28 +432,33 @@ def test_the_kernel_is_the_numpy_text_with_a_stage_that_is_found_and_jumps() -> 
     assert kernel.state()["found_dead"][0] > 1
 
 
-def followed_alike(settings: StageSettings, wave: Trajectory) -> tuple[AdaptiveController, np.ndarray]:
-    """The kernel after this motion, whose commands the NumPy text gives, too, and its true error, um."""
+def followed_alike(
+    settings: StageSettings, wave: Trajectory, ticks: int | None = None
+) -> tuple[AdaptiveController, np.ndarray]:
+    """The kernel after this motion, and its true error, um; for so many ticks the NumPy text gives its commands."""
     known = ControllerSettings(**AXIS | {"sample_rate": settings.sample_rate})
     kernel, text = AdaptiveController.from_settings(known), ReferenceController(known)
     plant, error = StagePlant(settings, seed=1), []
     plant.open()
-    for motion in zip(wave.position, wave.velocity, wave.acceleration, strict=True):
+    ticks = len(wave) if ticks is None else ticks
+    for k, motion in enumerate(zip(wave.position, wave.velocity, wave.acceleration, strict=True)):
         x = kernel.command(*motion)
-        assert text.command(*motion) == x
         z = float(plant.exchange(np.array([x]))[0])
         kernel.adapt(z)
-        text.adapt(z)
         error.append(plant.truth[-1] - motion[0])
-    tried, beside = kernel.state()["candidate"], text._state.candidate
-    assert [beside.strain, beside.worse, beside.product, beside.own.second] == tried[[6, -1, 10, -2]].tolist()
+        if k < ticks:
+            assert text.command(*motion) == x
+            text.adapt(z)
+        if k == ticks - 1:
+            tried, beside = kernel.state()["candidate"], text._state.candidate
+            assert [beside.strain, beside.worse, beside.product, beside.own.second] == tried[[6, -1, 10, -2]].tolist()
     return kernel, np.array(error)
 
 
 def test_a_stage_without_dead_time_is_found_without_one() -> None:
-    """In kernel and NumPy text alike; a tick of 0.2 ms of it left 33 nm of these lines."""
+    """In kernel and NumPy text alike, after 0.26 s; a tick of 0.2 ms of it left 33 nm of these lines."""
     wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=1.4, sample_rate=RATE)
-    kernel, error = followed_alike(stage(570.0, hysteresis_kind="bouc-wen"), wave)
+    kernel, error = followed_alike(stage(570.0, hysteresis_kind="bouc-wen"), wave, ticks=2000)
     assert kernel.state()["found_dead"].tolist() == [0]
     again = AdaptiveController.from_settings(kernel.settings)
     again.restore(kernel.state())
@@ -462,7 +467,7 @@ def test_a_stage_without_dead_time_is_found_without_one() -> None:
 
 
 def test_the_kernel_is_the_numpy_text_where_a_slow_motion_rings() -> None:
-    wave = raster(frequency=23.0, peak_to_peak=18.0, offset=12.0, turn=0.1, ramp=0.05, duration=0.4, sample_rate=RATE)
+    wave = raster(frequency=23.0, peak_to_peak=18.0, offset=12.0, turn=0.1, ramp=0.05, duration=0.28, sample_rate=RATE)
     kernel, _ = followed_alike(stage(690.0, dampings=(0.01,)), wave)
     assert kernel.resonance == pytest.approx(690.0, rel=0.02)
 
@@ -470,14 +475,14 @@ def test_the_kernel_is_the_numpy_text_where_a_slow_motion_rings() -> None:
 def test_a_ringing_of_less_than_a_thousandth_is_enough() -> None:
     """In kernel and NumPy text alike, after 0.25 s: without it 15 nm of these lines stay."""
     wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=0.6, sample_rate=10_000.0)
-    kernel, _ = followed_alike(stage(935.0, dampings=(0.024,), noise=0.01, sample_rate=10_000.0), wave)
+    kernel, _ = followed_alike(stage(935.0, dampings=(0.024,), noise=0.01, sample_rate=10_000.0), wave, ticks=3200)
     assert kernel.resonance == pytest.approx(935.0, rel=0.05)
 
 
 def test_a_window_points_to_the_next_one() -> None:
     """One of 750 Hz points to 824 Hz, one there to the stage; the search from above took 1.2 s. Both alike."""
     wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=0.6, sample_rate=RATE)
-    kernel, _ = followed_alike(stage(1091.0, hysteresis_kind="bouc-wen", dampings=(0.026,), noise=0.01), wave)
+    kernel, _ = followed_alike(stage(1091.0, hysteresis_kind="bouc-wen", dampings=(0.026,), noise=0.01), wave, 2200)
     assert kernel.resonance == pytest.approx(1091.0, rel=0.03)
 
 
@@ -570,11 +575,11 @@ def test_a_controller_is_copied_while_the_stage_that_it_found_has_ticks_of_dead_
     wave = triangle(frequency=33.0, peak_to_peak=18.0, duration=0.6, sample_rate=RATE)
     for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
         known = controller.resonance
-        twin = copy.copy(controller) if k % 20 == 0 else None
+        twin = copy.copy(controller) if k % 50 == 0 else None
         x = controller.command(z_d, zdot_d)
         assert twin is None or twin.command(z_d, zdot_d) == x
         controller.adapt(float(plant.exchange(np.array([x]))[0]))
-        if controller.resonance != known:
+        if controller.resonance > 0 and controller.resonance != known:
             dead.add(int(copy.copy(controller).state()["found_dead"][0]))
     assert max(dead) > 1
 
@@ -586,14 +591,16 @@ def test_a_resonance_that_is_high_for_the_sample_rate_is_found() -> None:
     plant, error = StagePlant(stage(1000.0, hysteresis_kind="bouc-wen"), seed=1), []
     plant.open()
     wave = sine(frequency=232.0, peak_to_peak=18.0, offset=12.0, duration=0.8, sample_rate=RATE)
-    for z_d, zdot_d in zip(wave.position, wave.velocity, strict=True):
+    for k, (z_d, zdot_d) in enumerate(zip(wave.position, wave.velocity, strict=True)):
         x = kernel.command(z_d, zdot_d)
-        assert text.command(z_d, zdot_d) == x
         z = float(plant.exchange(np.array([x]))[0])
         kernel.adapt(z)
-        text.adapt(z)
+        if k < 1600:  # it is found in tick 948
+            assert text.command(z_d, zdot_d) == x
+            text.adapt(z)
+            weights = kernel.weights
         error.append(plant.truth[-1] - z_d)
-    np.testing.assert_array_equal(kernel.weights, text.weights)
+    np.testing.assert_array_equal(weights, text.weights)
     assert kernel.resonance == pytest.approx(1000.0, rel=0.03)
     assert np.std(error[3200:]) < 0.003 * 18.0  # 1.9 % without
 
@@ -649,7 +656,7 @@ def test_a_loop_that_is_later_than_known_is_not_driven_by_its_damping(f0, dampin
 def test_the_kernel_is_the_numpy_text_in_a_loop_that_is_late(f0: float, ticks: int) -> None:
     """The damping ends; a stage in the model gets another dead time."""
     late = dataclasses.replace(LATE, resonances=(f0,), dampings=(0.005,), dead_time=1e-4 * ticks)
-    wave = sine(frequency=0.3 * f0, peak_to_peak=16.0, offset=12.0, duration=0.4, ramp=0.1, sample_rate=10_000.0)
+    wave = sine(frequency=0.3 * f0, peak_to_peak=16.0, offset=12.0, duration=0.2, ramp=0.1, sample_rate=10_000.0)
     settings = ControllerSettings(**KNOWN, resonance=f0)
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     volts, of_text = (run(wave, controller, StagePlant(late, seed=1))["volts"] for controller in (kernel, text))
@@ -661,8 +668,8 @@ def test_the_kernel_is_the_numpy_text_in_a_loop_that_is_late(f0: float, ticks: i
 def test_a_ringing_far_above_the_limit_of_the_damping_is_damped_to_its_end() -> None:
     """A load of 1.3 strokes; swings that become smaller do not end the damping."""
     wide = {"voltage_limits": (-30.0, 40.0)}
-    knocked = dataclasses.replace(LATE, **wide, resonances=(300.0,), dampings=(0.003,), load=-30.0, load_time=0.3)
-    wave = sine(frequency=30.0, peak_to_peak=8.0, offset=12.0, duration=0.5, sample_rate=10_000.0)
+    knocked = dataclasses.replace(LATE, **wide, resonances=(300.0,), dampings=(0.003,), load=-30.0, load_time=0.1)
+    wave = sine(frequency=30.0, peak_to_peak=8.0, offset=12.0, duration=0.2, ramp=0.05, sample_rate=10_000.0)
     settings = ControllerSettings(**KNOWN | wide, resonance=300.0)
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
     volts, of_text = (run(wave, controller, StagePlant(knocked, seed=1))["volts"] for controller in (kernel, text))

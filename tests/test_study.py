@@ -214,9 +214,9 @@ def test_threads_give_the_same_rows(rows, workers):
     assert gathered(executors.threads(workers)(SOME, in_batches(range(40)))) == rows
 
 
-def test_dask_gives_the_same_rows_when_a_worker_is_killed():
+def test_dask_gives_the_same_rows_when_a_worker_is_killed(rows):
     """A cluster of its own; after the first result each worker process gets SIGKILL in the middle of its batch."""
-    with closing(executors.dask(2)(SOME, in_batches(range(80), 10))) as stream:  # a failure would wait for the cluster
+    with closing(executors.dask(2)(SOME, in_batches(range(40)))) as stream:  # a failure would wait for the cluster
         first = next(stream)
         children = psutil.Process().children(recursive=True)
         workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
@@ -224,7 +224,7 @@ def test_dask_gives_the_same_rows_when_a_worker_is_killed():
         assert_closed_to_strangers([psutil.Process(), *workers])
         for worker in workers:
             worker.kill()
-        assert gathered([first, *stream]) == study.simulate(SOME, range(80)).rows
+        assert gathered([first, *stream]) == rows
 
 
 def assert_closed_to_strangers(processes):
@@ -314,16 +314,16 @@ def workers_of(folder):
     return [one for one in alive if str(folder) in " ".join(one.info["cmdline"] or [])]
 
 
-def test_slurm_gives_the_same_rows_when_a_job_is_killed(cluster):
+def test_slurm_gives_the_same_rows_when_a_job_is_killed(cluster, rows):
     """As at its time limit: the job is submitted again, its batch is simulated again."""
     ctrl_c = signal.getsignal(signal.SIGINT)
-    stream = executors.slurm(cluster, 1)(SOME, in_batches(range(80), 10))
+    stream = executors.slurm(cluster, 1)(SOME, in_batches(range(40)))
     assert signal.getsignal(signal.SIGINT) is ctrl_c
     first = next(stream)
     killed = workers_of(cluster)
     for worker in killed:
         worker.kill()
-    assert gathered([first, *stream]) == study.simulate(SOME, range(80)).rows
+    assert gathered([first, *stream]) == rows
     wait_for(lambda: not workers_of(cluster))  # the jobs end with the study
     assert killed
 
@@ -367,7 +367,7 @@ def test_a_driver_that_is_killed_continues(tmp_path):
     """SIGKILL twice, as soon as something new is there: all is there in the end, once, as if nothing had been."""
     file, store = tmp_path / "many.toml", tmp_path / "many.sqlite"
     file.write_text(LONG)
-    command = [TRUESTROKE, "study", file, "--runs", "120", "--workers", "1", "--output", tmp_path / "many"]
+    command = [TRUESTROKE, "study", file, "--runs", "75", "--workers", "1", "--output", tmp_path / "many"]
     before = 0
     for _ in range(2):
         driver = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -376,15 +376,15 @@ def test_a_driver_that_is_killed_continues(tmp_path):
         assert driver.wait() == -signal.SIGKILL
         assert count(store) >= before
         before = count(store)
-    assert 0 < before < 120
+    assert 0 < before < 75
     done = json.loads(subprocess.run([*command, "--json"], check=True, capture_output=True).stdout)
-    assert done["runs"] == count(store) == 120
-    asked = study.load(file, 120)
+    assert done["runs"] == count(store) == 75
+    asked = study.load(file, 75)
     with study.Store(store, asked) as kept:
-        found, (ticks, _) = kept.rows(120), kept.cost()
-    assert ticks == 120 * 2 * 20_000  # nothing was paid twice
-    assert [row.number for row in found] == list(range(120))
-    assert found[::7] == study.simulate(asked, range(0, 120, 7)).rows
+        found, (ticks, _) = kept.rows(75), kept.cost()
+    assert ticks == 75 * 2 * 20_000  # nothing was paid twice
+    assert [row.number for row in found] == list(range(75))
+    assert found[::15] == study.simulate(asked, range(0, 75, 15)).rows
 
 
 @pytest.mark.parametrize("executor", ["threads", "dask"])
