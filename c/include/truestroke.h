@@ -636,6 +636,7 @@ typedef struct {
     ts_real burst;                    /* um^2: mean square of an error for which the estimate makes haste; 0: for none */
     ts_real loudest;                  /* um^2: mean square of an error from which on a tone is no load, */
     ts_real least;                    /* and below which nothing is shown */
+    ts_real steady;                   /* of the square of a block: from which share on a tone is a load */
     ts_real noise;                    /* um^2: mean square of the noise of a measurement, at most */
     const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
 } ts_search;

@@ -35,6 +35,8 @@
 #define STIFFEST ((ts_real)0.06)  /* cycles per tick: less of it above, where what is not known of the lag turns it further, */
 #define HIGHEST_DAMPED ((ts_real)0.25) /* and nothing from here on */
 #define LOUD ((ts_real)0.1)       /* of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it */
+#define STEADY_BESIDE_GIVEN ((ts_real)0.9) /* as TS_STEADY_TONE, where dynamics are given, which leave */
+#define NOT_URGENT ((ts_real)0.03) /* of the motion's range: a smaller error */
 #define OF_SECOND ((ts_real)0.04) /* of it: one with which they may be wrong, and what is shown may be the second mode */
 #define LOAD_COUNTS ((ts_real)0.04) /* of a sine that decays: a load lasts, and little of it remains in the mean */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
@@ -467,6 +469,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
         .highest = highest_first(c, staged),
         .burst = c->found.known ? 0 : burst_of(c),
         .loudest = loudest_load(c, whole),
+        .steady = is_given(c) && c->guard.error < NOT_URGENT ? STEADY_BESIDE_GIVEN : TS_STEADY_TONE,
         .least = ts_power_of_hum(c),
         .noise = s->resonance > 0 ? 0 : c->law.kalman.sigma * c->law.kalman.sigma, /* where f0 is given windows begin about it */
         .expected = ends && expected_of_plays(c, expected) ? expected : NULL,

@@ -426,11 +426,11 @@ static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, 
 }
 
 /* A load that the window sees is no resonance: what the window shows near it, or points to, is not that of the stage. */
-static void pass_over_load(ts_resonance *r, ts_window *w, ts_real loudest)
+static void pass_over_load(ts_resonance *r, ts_window *w, const ts_search *search)
 {
-    ts_real tone = ts_tone_of_load(&r->tone, TS_STEADY_TONE, TS_ORDERS_OF_STAGE), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
+    ts_real tone = ts_tone_of_load(&r->tone, search->steady, TS_ORDERS_OF_STAGE), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
     if (r->load > most) r->load = most;
-    if (!(tone > 0) || !(r->power < loudest)) return;
+    if (!(tone > 0) || !(r->power < search->loudest)) return;
     if (amplitude > r->load) r->load = amplitude;
     r->load_at = tone;
     ts_real shown = w->f0 > 0 ? w->f0 : w->points;
@@ -454,7 +454,7 @@ static bool end_band(ts_resonance *r, ts_real tick, const ts_search *search)
         if (r->power < cost * cost) w.f0 = 0;
     }
     if (w.f0 > search->highest) w.f0 = 0;
-    pass_over_load(r, &w, search->loudest);
+    pass_over_load(r, &w, search);
     if (r->power < search->least) w.f0 = w.points = 0;
     ts_real f0 = w.f0, least = search->burst > 0 && r->power > search->burst ? LEAST_IN_BURST : LEAST;
     bool near = f0 > 0 && (is_about(r, f0) || w.variance < least * least);

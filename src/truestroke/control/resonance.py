@@ -7,7 +7,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.angles import arctangent, tangent
-from truestroke.control.tone import OF_LOAD, ToneDetector
+from truestroke.control.tone import OF_LOAD, ORDERS_OF_STAGE, STEADY_TONE, ToneDetector
 
 SHOWN = 7  # plays that stand for the hysteresis: TS_SHOWN of the kernel
 BAND, HIGH, THIRD, LOW = range(SHOWN, SHOWN + 4)  # of the measurement: places behind the plays
@@ -242,6 +242,7 @@ class ResonanceEstimator:
         burst: float = 0.0,
         expected: FloatArray | None = None,
         powers: tuple[float, float, float] = (0.0, math.inf, 0.0),
+        steady: float = STEADY_TONE,
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
@@ -266,6 +267,8 @@ class ResonanceEstimator:
         powers : tuple of float
             Mean squares, um^2: of an error below which nothing is shown; of one from which on a tone is no load; of the
             noise of a measurement, at most.
+        steady : float
+            Of the square of a block: from which share on a tone is a load.
         """
         if self._begins_to_burst(tick, error, burst):
             self.centre, self.ticks, self._pointed = SEARCH_FROM, 0, 0
@@ -281,7 +284,7 @@ class ResonanceEstimator:
         if last:
             self._window = self.ticks - self._settling
         ended = self.ticks >= self._settling + self._window
-        return ended and self._end(tick, span, highest, burst, expected, powers)
+        return ended and self._end(tick, span, highest, burst, expected, powers, steady)
 
     def ends(self, above: float, below: float) -> bool:
         """Whether the next tick ends a window whose mean square error is between these, um^2."""
@@ -345,6 +348,7 @@ class ResonanceEstimator:
         burst: float,
         expected: FloatArray | None,
         powers: tuple[float, float, float],
+        steady: float,
     ) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
@@ -354,7 +358,7 @@ class ResonanceEstimator:
             fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
             window = window._replace(f0=0.0) if self.power < cost * cost or window.f0 > highest else window
-        window = self._passed_over_load(window, powers[1])
+        window = self._passed_over_load(window, powers[1], steady)
         if self.power < powers[0]:
             window = window._replace(f0=0.0, points=0.0)
         least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
@@ -365,9 +369,9 @@ class ResonanceEstimator:
             self._know(window)
         return near
 
-    def _passed_over_load(self, window: _Window, loudest: float) -> _Window:
+    def _passed_over_load(self, window: _Window, loudest: float, steady: float) -> _Window:
         """What a window shows that may see a load: near to that, or pointing to it, it is no resonance."""
-        load, amplitude = self._tone.of_load, self._tone.amplitude
+        load, amplitude = self._tone.shown(steady, ORDERS_OF_STAGE), self._tone.amplitude
         self.load = min(self.load, math.sqrt(2 * self.power))
         if not load > 0 or not self.power < loudest:
             return window

@@ -14,6 +14,7 @@ from truestroke.control.reference.hum import power_of_hum
 from truestroke.control.reference.state import HISTORY, Growth, State
 from truestroke.control.resonance import HIGHEST, SHOWN, shown
 from truestroke.control.stage import MOST_DEAD, Stage, found
+from truestroke.control.tone import STEADY_TONE
 from truestroke.model.operators import dot
 
 FOUND = 0.2  # relative standard deviation of the inertia of a resonance that an oscillation has
@@ -49,6 +50,8 @@ BROAD = 1.0  # behind a filter of twice this damping,
 STIFFEST = 0.06  # cycles per tick: less of it above, where what is not known of the lag turns it further,
 HIGHEST_DAMPED = 0.25  # and nothing from here on
 LOUD = 0.1  # of the motion's range: an error with which given dynamics may be wrong, whatever tone is in it
+STEADY_BESIDE_GIVEN = 0.9  # as STEADY_TONE, where dynamics are given, which leave
+NOT_URGENT = 0.03  # of the motion's range: a smaller error
 OF_SECOND = 0.04  # of it: one with which they may be wrong, and what is shown may be the second mode
 LOAD_COUNTS = 0.04  # of a sine that decays: a load lasts, and little of it remains in the mean
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
@@ -474,7 +477,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     unknown = path is None and not c.is_given
     if unknown:
         try_candidate(c, z, zdot_d)
-    known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers)
+    steady = STEADY_BESIDE_GIVEN if c.is_given and guard.error < NOT_URGENT else STEADY_TONE
+    known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers, steady)
     c.rate = zdot_d
     if unknown and c.estimator.ticks == 0:
         c.candidate.end()
