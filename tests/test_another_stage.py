@@ -94,9 +94,14 @@ def test_a_second_mode_far_above_the_resonance_that_is_given_does_not_take_its_p
     slow = tone(np.arange(round(RATE)) / RATE, 5.0, 0.35 * span) * np.minimum(1, np.arange(round(RATE)) / begins)
     motion = np.concatenate([middle * rise(begins, RATE), np.add(slow, [[middle], [0], [0]])], axis=1).T
     kernel = AdaptiveController(sample_rate=RATE, stroke=100.0, voltage_limits=(0.0, 100.0), resonance=95.45)
+    text = ReferenceController(kernel.settings)
     stage.open()
     for z_d, zdot_d, zddot_d in motion.tolist():
-        kernel.adapt(float(stage.exchange(np.array([kernel.command(z_d, zdot_d, zddot_d)]))[0]))
+        volts = kernel.command(z_d, zdot_d, zddot_d)
+        assert text.command(z_d, zdot_d, zddot_d) == volts
+        z = float(stage.exchange(np.array([volts]))[0])
+        kernel.adapt(z), text.adapt(z)
+    np.testing.assert_array_equal(kernel.weights, text.weights)
     assert kernel.resonance == pytest.approx(95.45)
 
 

@@ -265,6 +265,16 @@ def random_strokes(rng):
     return np.interp(np.arange(6000) / 100.0, np.arange(61), np.append([0.0, 1.0, 0.0], rng.uniform(0, 1, 58)))
 
 
+def test_cells_are_chosen_where_the_density_of_relays_is_uneven():
+    rng = np.random.Generator(np.random.PCG64(5))
+    record = of_relays(random_strokes(rng), rng, 0.05)
+    found = identify(record)
+    assert found.model.branches is not None
+    assert found.model.branches.levels > 0
+    alone = identify(record, branches=False)
+    assert found.held_out.rmse_um < 0.5 * alone.held_out.rmse_um
+
+
 def test_cells_are_finer_where_the_density_of_relays_changes_sooner(monkeypatch):
     rng = np.random.Generator(np.random.PCG64(6))
     record = of_relays(random_strokes(rng), rng, 0.03)

@@ -248,10 +248,10 @@ def test_settings_of_any_kind_are_refused_by_name_or_run() -> None:
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    counts, wrong = module.campaign(draws=500, seed=1)
+    counts, wrong = module.campaign(draws=1000, seed=1)
     assert not wrong
-    assert counts["run"] > 50
-    assert counts["refused"] > 250
+    assert counts["run"] > 100
+    assert counts["refused"] > 500
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,28 @@ def test_a_load_beside_a_harmonic_of_the_motion_does_not_replace_dynamics_that_a
     assert largest < 5
 
 
+def test_the_kernel_is_the_numpy_text_where_a_load_is_beside_a_harmonic_of_the_motion() -> None:
+    """With right dynamics; where a tone was a load from 0.95 on as without them, commands differ from tick 1235 on."""
+    stage = StageSettings(
+        sample_rate=2000.0, resonances=(190.7,), dampings=(0.02,), hysteresis_kind="plays", noise=0.01, hum=0.3,
+        hum_frequency=100.0,
+    )  # fmt: skip
+    settings = ControllerSettings(**AXIS | {"sample_rate": 2000.0}, dynamics=stage.dynamics())
+    kernel, text, plant = (
+        AdaptiveController.from_settings(settings),
+        ReferenceController(settings),
+        StagePlant(stage, 13211),
+    )
+    wave = trajectories.sine(frequency=28.186, peak_to_peak=12.0, offset=10.0, duration=1.3, sample_rate=2000.0)
+    plant.open()
+    for motion in zip(wave.position[:1400], wave.velocity[:1400], wave.acceleration[:1400], strict=True):
+        volts = kernel.command(*motion)
+        assert text.command(*motion) == volts
+        z = float(plant.exchange(np.array([volts]))[0])
+        kernel.adapt(z), text.adapt(z)
+    np.testing.assert_array_equal(kernel.weights, text.weights)
+
+
 def test_the_kernel_is_the_numpy_text_beside_a_load() -> None:
     """Commands, innovations and weights, every tick: a load is seen, and counts as noise."""
     settings = ControllerSettings(**AXIS)

@@ -58,9 +58,9 @@ class Explored:
 
         return np.asarray(cKDTree(self.places).query(at)[0], dtype=np.float64)
 
-    def beyond(self, at: FloatArray) -> FloatArray:
-        """How far the voltage of places, shape (samples, 5), is outside of the record's, over its range; else 0."""
-        x, low, high = at[:, 0], float(self.places[:, 0].min()), float(self.places[:, 0].max())
+    def beyond(self, x: FloatArray) -> FloatArray:
+        """How far a voltage over the range of the record's, shape (samples,), is outside of that; else 0."""
+        low, high = float(self.places[:, 0].min()), float(self.places[:, 0].max())
         return np.asarray(np.maximum(np.maximum(x - high, low - x) - EDGE, 0.0))
 
 

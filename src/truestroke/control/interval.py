@@ -89,10 +89,10 @@ def beyond(model: ActuatorModel, volts: FloatArray) -> FloatArray:
 
     b is how far the voltage is from those of the record (`model.explored`), over their range.
     """
-    if model.explored is None or not volts.size:
+    if model.explored is None:
         return np.zeros_like(volts)
-    at = places(volts, np.zeros_like(volts), model.voltage_range, model.velocity)
-    return np.asarray((BEYOND * model.stroke * model.explored.beyond(at)) ** 2)
+    low, high = model.voltage_range
+    return np.asarray((BEYOND * model.stroke * model.explored.beyond(volts / (high - low))) ** 2)
 
 
 def _derivative(model: ActuatorModel, x: FloatArray, fs: float, z: FloatArray, every: int) -> FloatArray:
@@ -218,6 +218,13 @@ def shown_velocity(velocity: FloatArray) -> float:
     return float(speed[np.searchsorted(travel, TRAVEL * travel[-1])]) if speed.size else 0.0
 
 
+def unshown(
+    model: ActuatorModel, volts: FloatArray, sample_rate: float, predicted: FloatArray | None = None
+) -> FloatArray:
+    """Variance of what blocks of a record do not show, um^2, shape (samples,): `apart`, `of_speed` and `beyond`."""
+    return apart(model, volts, sample_rate, predicted) + of_speed(model, volts, sample_rate) + beyond(model, volts)
+
+
 def half_width(
     model: ActuatorModel,
     volts: FloatArray,
@@ -227,11 +234,11 @@ def half_width(
 ) -> FloatArray:
     """Of the 95 % interval, um, shape (samples,), with the variance of the zero, um^2.
 
-    The factor of the motion is that of cross-validation, whose errors have nothing `beyond` the voltages; `predicted`
-    as of `apart`. It is no less than that of inner loops, where the record has none.
+    The factor of the motion is that of cross-validation, whose errors have nothing that is `unshown`; `predicted` as of
+    `apart`. It is no less than that of inner loops, where the record has none.
     """
     motion = model.coverage_factor**2 * of_motion(model, volts, sample_rate)
-    more = apart(model, volts, sample_rate, predicted) + of_speed(model, volts, sample_rate) + beyond(model, volts)
+    more = unshown(model, volts, sample_rate, predicted)
     least = COVERED**2 * of_inner_loops(model, volts, sample_rate)
     return np.asarray(np.sqrt(np.maximum(motion + COVERED**2 * more + OF_ZERO**2 * zero, least)))
 

@@ -172,8 +172,7 @@ def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: F
     start = 0.5 * volts.size if centred else 0.0
     since = np.abs(np.arange(volts.size) - start) / fs
     motion = interval.of_motion(model, volts, fs, model.another_day(), centred)
-    motion = motion + interval.apart(model, volts, fs, predicted) + interval.of_speed(model, volts, fs)
-    motion = motion + interval.beyond(model, volts)
+    motion = motion + interval.unshown(model, volts, fs, predicted)
     least = interval.of_inner_loops(model, volts, fs)
     return np.asarray(interval.COVERED * np.sqrt(np.maximum(motion + model.walk**2 * since, least)))
 

@@ -440,7 +440,12 @@ def _unusable(ticks: npt.NDArray[np.bool_], words: str) -> Finding | None:
 
 
 def _heard(run: _Run, what: str, least: float) -> tuple[float, float] | None:
-    """Frequency, Hz, and amplitude, um, of a tone that the controller heard, where it exceeds so many um."""
+    """Frequency, Hz, and amplitude, um, of a tone that the controller heard, where it exceeds so many um.
+
+    None in a run that was not followed at all: it has lines that nothing else makes.
+    """
+    if any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
+        return None
     heard = _of_axis(run.recording, what)
     frequency, amplitude = (
         _positive(heard.get(name)) if isinstance(heard, Mapping) else None for name in ("frequency_hz", "amplitude_um")
@@ -454,8 +459,6 @@ def _shaken(run: _Run) -> Finding | None:
     disturbed = run.rmse > run.tolerable or run.metrics.restored_ticks or _many_changes(run)
     if not heard or not disturbed:
         return None
-    if any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
-        return None  # what is not followed at all has lines that no load makes
     line = f"{heard[0]:.3g}"
     return "doubtful", (
         f"A load of {line} Hz and {heard[1]:.2g} um shakes the stage: a pump, a fan, the mains. Stop what makes it, "
@@ -466,7 +469,7 @@ def _shaken(run: _Run) -> Finding | None:
 def _not_in_dynamics(run: _Run) -> Finding | None:
     """Whether a tone beyond the resonance, which the controller heard, shows that the given dynamics lack a mode."""
     heard = _heard(run, "beyond_resonance", MATTERS * run.tolerable)
-    if not heard or any(found and found[0] == "bad" for found in map(run.found, (_saturated, _gain))):
+    if not heard:
         return None
     return "doubtful", (
         f"The stage rang at {heard[0]:.4g} Hz with {heard[1]:.2g} um, beyond its first resonance, and the dynamics "
