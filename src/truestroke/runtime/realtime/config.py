@@ -64,7 +64,7 @@ class AxisTable:
     model: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     trajectory: Mapping[str, Any] = field(default_factory=dict)
-    zero: Literal["measured"] | float | None = field(default=None, metadata={"unit": "um"})
+    zero: float | Literal["measured"] | None = field(default=None, metadata={"unit": "um"})
     error_limit: float | None = field(default=None, metadata={"unit": "um"})
 
     def __post_init__(self) -> None:
