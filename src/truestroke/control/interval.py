@@ -194,7 +194,7 @@ def inner(model: ActuatorModel, width: float = math.inf, shown: InnerLoops | Non
     if shown is None or shown.inner >= usual:
         return usual
     exponent = 0.5 * min(shown.share / SHOWN, 1.0) ** 3  # of one sine, with noise, the share is 0.02 to 0.05
-    return usual ** (1 - exponent) * shown.inner**exponent
+    return float(usual ** (1 - exponent) * shown.inner**exponent)
 
 
 def of_inner_loops(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
