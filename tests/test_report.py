@@ -443,8 +443,9 @@ def test_a_table_of_many_columns_does_not_scroll_sideways_on_a_phone(tmp_path: P
     """The names of the columns are beside the numbers there; at a desk they are above them."""
     columns = ["controller", "distortion", "rms", "trace-retrace", "seen shift", "x rms", "y rms"]
     rows = [["truestroke", "60.99 px", "33.31 px", "66.96 px", "67.55 px", "1.09 um", "713 nm"], ["none", "no image"]]
-    table = Table(columns=columns, rows=rows)
-    made = Page(title="a scan", lead="", sections=(Section(heading="", tables=(table,)),), plots=lambda _: {})
+    long = ["first resonance", "699.997 Hz +- 0.014 Hz, damping 0.02", "of 1 mode, trusted to 1161.7 Hz"]
+    tables = Table(columns=columns, rows=rows), Table(columns=["", "found", "beside"], rows=[long])
+    made = Page(title="a scan", lead="", sections=(Section(heading="", tables=tables),), plots=lambda _: {})
     file = made.save(tmp_path / "page.html")
     with look.chromium() as browser:
         for width, display in ((360, "grid"), (1000, "table-row")):
