@@ -208,7 +208,10 @@ def test_rest_is_a_motion_like_any_other() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said", "code"),
     [
-        (["track", "--duration", "-1"], "'--duration': -1.0 is not in the range x>=0.5", 2),
+        (["learn", "--averaged", "4000"], "'--averaged': 4000 s must be from 0 to 3600 s. See", 2),
+        (["learn", "--averaged", "nan"], "--averaged = nan s: must be finite", 2),
+        (["learn", "--passes", "0"], "'--passes': 0 must be from 1 to 1000. See", 2),
+        (["track", "--duration", "-1"], "'--duration': -1 s must be 0.5 s or more", 2),
         (["track", "--peak-to-peak", "-3"], "--peak-to-peak = -3.0 um: must be above 0 um", 2),
         (["track", "--duration", "soon"], "'--duration': 'soon' is no number, in s and without the unit.", 2),
         (["track", "--frequency", "5kHz"], "'5kHz' is no number, in Hz and without the unit.", 2),
@@ -239,7 +242,7 @@ def test_rest_is_a_motion_like_any_other() -> None:
         (["track", "--output", "."], "is a folder", 2),
         (["track", "--trajectory", "sine", "--velocity-limit", "3"], "--velocity-limit means nothing", 2),
         (["track", "--velocity-limit", "0"], "--velocity-limit = 0.0 um/s: must be above 0 um/s", 2),
-        (["compare", "--duration", "0.5"], "'--duration': 0.5 is not in the range x>=1.0", 2),
+        (["compare", "--duration", "0.5"], "'--duration': 0.5 s must be 1 s or more", 2),
         (["compare", "--output", "no/such/run"], "mkdir -p no/such", 1),
         (["reproduce", "fig5"], "'fig5' is not one of 'fig4', 'fig6'", 2),
         (["report", "none.h5"], "there is no file none.h5 in ", 2),

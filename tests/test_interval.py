@@ -43,7 +43,7 @@ def _errors(apart: float) -> Errors:
     """Of later blocks with no more than the noise of 0.02 um, in which the motion is so far from what was fitted."""
     error = np.full(400, 0.0199)
     zero = np.zeros(error.size)
-    return Errors(error, zero, zero, zero, np.full(error.size, apart))
+    return Errors(error, zero, zero, zero, np.full(error.size, apart), zero)
 
 
 def test_errors_without_distance_do_not_show_how_they_grow_with_it():
@@ -91,6 +91,33 @@ def test_strokes_that_decay_keep_the_height_of_their_largest_loop():
     late = known.replace(delay=0.01)
     assert interval.inner(late) == interval.WIDEST
     assert interval.inner(late, 1.0) < 0.05
+
+
+DECAYING = {"plays": foreign.generalised_plays, "Jiles-Atherton": foreign.jiles_atherton}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("actuator", DECAYING)
+def test_blocks_that_are_inside_of_loops_before_them_show_how_wide_their_errors_are(actuator, seed):
+    """Triangles that decay: the height of their largest loop made intervals 2.8 and 6.5 times as wide as needed."""
+    fs = 200.0
+    t, rng = foreign.clock(20.0, fs), np.random.Generator(np.random.PCG64(seed))
+    low = 0.0 if actuator == "plays" else -1.0
+    v = (1 - t / 22) * (low + (1 - low) * foreign.up_and_down(t, 1.0))
+    found = identify((100 * v, 20 * DECAYING[actuator](v) + rng.normal(0, 0.02, v.size), fs))
+    judged = found.trace.judged
+    width, needed = found.trace.half_width[judged], np.quantile(np.abs(found.trace.residual[judged]), 0.95)
+    assert found.held_out.coverage > 0.9
+    assert np.median(width) < 2.2 * needed
+
+
+def test_inner_loops_of_a_record_count_as_far_as_it_has_them():
+    """The geometric mean with the height of the largest loop, where 15 % of later rows are inside; never more."""
+    known = model()
+    usual = interval.inner(known)
+    each = [interval.inner(known, shown=interval.InnerLoops(usual / 100, share)) for share in (0.0, 0.03, 0.15, 0.9)]
+    np.testing.assert_allclose(each, usual * 0.01 ** np.array([0.0, 0.004, 0.5, 0.5]))
+    assert interval.inner(known, shown=interval.InnerLoops(2 * usual, 0.9)) == usual
 
 
 def test_only_a_record_without_inner_loops_has_the_height_of_its_loop_in_the_interval():

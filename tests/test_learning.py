@@ -676,7 +676,7 @@ def test_a_motion_beyond_the_spring_is_refused():
         (("--frequency", "4499"), "must be one whose period is a whole number of samples, such as 3333.3333 Hz"),
         (
             ("--peak-to-peak", "31"),
-            "motion = 31 um from end to end: must be at most the stroke, 30 um over voltage_lim",
+            "--peak-to-peak = 31 um from end to end: must be at most the stroke, 30 um over voltage_lim",
         ),
     ],
 )

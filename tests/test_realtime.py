@@ -459,12 +459,12 @@ def test_axes_that_do_not_fit_together() -> None:
 def test_the_status_line_says_what_the_ring_holds() -> None:
     shared = Shared(Layout(channels=2, size=1000, slow_size=1, slow_width=1))
     assert status.line(shared, ["x", "y"], 1000.0).startswith("preparing")
-    shared.ring[0, 2], shared.ring[0, 3] = 1.5, 0.03  # volts and measured; desired is 0
+    shared.ring[0, 2], shared.ring[0, 3] = 1.5, 0.000324  # volts and measured; desired is 0
     shared.ring[1, 3] = np.nan
     for slot, value in ((Slot.STATE, State.LIVE), (Slot.TICKS, 5000), (Slot.WRITTEN, 2700), (Slot.OVERRUNS, 4)):
         shared.count[slot] = value
     said = status.line(shared, ["x", "y"], 1000.0)
-    assert said == "running   2.3 s left   overruns 4   x: rmse 0.030 um, +1.500 V   y: rmse ? um, +0.000 V"
+    assert said == "running   2.3 s left   overruns 4   x: rmse 0.000324 um, +1.500 V   y: rmse ? um, +0.000 V"
     shared.write(Text.COMPLAINT, "µ" * 20000)
     assert set(shared.read(Text.COMPLAINT)) <= {"µ", "\ufffd"}
     shared.close()

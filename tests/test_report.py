@@ -437,3 +437,20 @@ def test_panels_stand_where_matplotlib_puts_them_and_are_measured_again_only_whe
     for panel, other in zip(ours.axes, its.axes, strict=True):
         np.testing.assert_allclose(panel.get_position().extents, other.get_position().extents, atol=0.1 / 504)
     assert counts == [[1, 2], [2, 2]]
+
+
+def test_a_table_of_many_columns_does_not_scroll_sideways_on_a_phone(tmp_path: Path) -> None:
+    """The names of the columns are beside the numbers there; at a desk they are above them."""
+    columns = ["controller", "distortion", "rms", "trace-retrace", "seen shift", "x rms", "y rms"]
+    rows = [["truestroke", "60.99 px", "33.31 px", "66.96 px", "67.55 px", "1.09 um", "713 nm"], ["none", "no image"]]
+    long = ["first resonance", "699.997 Hz +- 0.014 Hz, damping 0.02", "of 1 mode, trusted to 1161.7 Hz"]
+    tables = Table(columns=columns, rows=rows), Table(columns=["", "found", "beside"], rows=[long])
+    made = Page(title="a scan", lead="", sections=(Section(heading="", tables=tables),), plots=lambda _: {})
+    file = made.save(tmp_path / "page.html")
+    with look.chromium() as browser:
+        for width, display in ((360, "grid"), (1000, "table-row")):
+            seen = browser.new_page(viewport={"width": width, "height": 800})
+            seen.goto(file.as_uri())
+            assert seen.evaluate("[...document.querySelectorAll('.scroll')].every(e => e.scrollWidth <= e.clientWidth)")
+            assert seen.evaluate("getComputedStyle(document.querySelector('tbody tr')).display") == display
+            assert look.too_wide(seen) + look.inaccessible(seen) == []

@@ -208,6 +208,22 @@ def test_a_simulated_sample_is_read_where_it_truly_is() -> None:
     driver.close()
 
 
+@pytest.mark.parametrize(("stroke", "width"), [(0.5, 0.1), (1000.0, 400.0)])
+def test_a_simulated_sample_is_as_large_as_the_stage(stroke: float, width: float) -> None:
+    """A texture that repeated after 40 um showed the lines of a stage of 1 mm 7 pixels apart: the scan was bad."""
+    stage = {"stroke": stroke, "noise": 1e-5}
+    settings = SimulatedSettings(
+        channels=2,
+        axes={"stages": [stage, stage]},
+        signals=(SampleSettings(), SampleSettings(sample="grating", name="g")),
+    )
+    texture, grating = SimulatedDriver(settings)._samples
+    x, y = (one.ravel() for one in np.meshgrid(np.linspace(0.0, width, 35), np.linspace(0.0, width, 64)))
+    seen = texture(x, y).reshape(64, 35)
+    assert max(np.corrcoef(seen[:, k:].ravel(), seen[:, :-k].ravel())[0, 1] for k in range(5, 28)) < 0.5
+    assert np.count_nonzero(np.diff(grating(np.linspace(0.0, width, 999), np.zeros(999)) > 50.0)) in range(2, 10)
+
+
 # ---- What does not fit ---------------------------------------------------------------------------------------------
 
 

@@ -169,12 +169,21 @@ def in_plain_words(error: click.UsageError) -> str:
         named = inputs.option_of(error.ctx.command, extra[1])
         message = f"{message.rstrip('.')}; did you mean {named} {extra[1]}?" if named else message
     unit = UNITS.get(metavar or "")
+    if outside := re.search(r"(\S+) is not in the range .*", message):
+        message = f"{message[: outside.start()]}{_outside(float(outside[1]), param, unit)}"
     asked = f", in {unit} and without the unit" if unit else ""
     return re.sub(
         r"is not a valid (?:float|(integer))(?: range)?",
         lambda found: f"is no {'whole ' if found[1] else ''}number{asked}",
         message,
     )
+
+
+def _outside(value: float, param: Any, unit: str | None) -> str:
+    """What is said of a number that is outside of the range of its option."""
+    low, high, ending = param.type.min, param.type.max, f" {unit}" if unit else ""
+    bounds = f"{low:.10g}{ending} or more" if high is None else f"from {low:.10g} to {high:.10g}{ending}"
+    return f"{value:.10g}{ending} must be {bounds}"
 
 
 def _code_of(error: BaseException | None) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -184,7 +184,8 @@ def _learned(
             click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
 
     try:
-        return truestroke.learn(driver, wave, **given, report=report, doing=doing, begins=begins)
+        with _in_options():
+            return truestroke.learn(driver, wave, **given, report=report, doing=doing, begins=begins)
     except truestroke.TruestrokeError as error:
         if not best:
             raise
@@ -195,6 +196,17 @@ def _learned(
         if best:
             common.complain(_kept(best[-1], target))
         raise
+
+
+@contextmanager
+def _in_options() -> Iterator[None]:
+    """What is said of the size of the motion is said of its option; that of its place is both of size and offset."""
+    try:
+        yield
+    except truestroke.SettingError as error:
+        if error.argument != "motion" or "(`offset`)" in error.bound:
+            raise
+        raise truestroke.SettingError("peak_to_peak", error.value, error.bound, error.unit) from error
 
 
 def _kept(found: Learned, target: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,9 +28,26 @@ INNER = 1.33  # of the loop's height at a voltage, and of its mean height over t
 WIDEST = 0.6  # of that height: the same at most
 HIGHER = 1.5  # times the loop of the record: a model whose loop is higher has it at the speed of a step
 INSIDE = 0.1  # of the voltage range: so far from the loop of the record motion is inside of it
+SHOWN = 0.15  # of later rows are inside of loops before: then their errors count as much as the height of the loop
 LOOP = 200  # samples of a stroke
 TRAVEL = 0.98  # of a record's travel is no faster than the speed that it shows: one step shows no speed
 POINTS = 4000  # at most, at which the part of the weights is computed; straight lines between them
+
+
+@dataclass(frozen=True)
+class InnerLoops:
+    """What later blocks of a record show of loops inside of those before them.
+
+    Attributes
+    ----------
+    inner : float
+        Deviation of the error over the height of the loop there, as `Explored.inner`.
+    share : float
+        Mean of min(d / INSIDE, 1) over their rows, d the distance from what the blocks before show: 0 of one sine.
+    """
+
+    inner: float
+    share: float
 
 
 def of_weights(
@@ -151,10 +169,11 @@ def of_speed(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> Flo
     return np.asarray(late * faster**2)
 
 
-def inner(model: ActuatorModel, width: float = math.inf) -> float:
+def inner(model: ActuatorModel, width: float = math.inf, shown: InnerLoops | None = None) -> float:
     """`Explored.inner` of the model of a record with one family of loops: `INNER` of their mean height over the stroke.
 
-    What makes the largest loop wider than that of stacks makes inner loops less like it: friction, saturation.
+    What makes the largest loop wider than that of stacks makes inner loops less like it: friction, saturation. Where
+    later blocks are inside of loops before them and are predicted better, it is the geometric mean of both (`SHOWN`).
 
     Parameters
     ----------
@@ -164,12 +183,18 @@ def inner(model: ActuatorModel, width: float = math.inf) -> float:
         Mean height of the loop in the record, um. Where that of the model is more than `HIGHER` times as high, its pace
         is that of steps, at which what is late is further apart than the loop: the share is of the record's, or of the
         model's without what is late, if that is higher, as of strokes that decay.
+    shown : InnerLoops, optional
+        By later blocks of the record.
     """
     at = np.linspace(*model.voltage_range, LOOP)
     mean = seen = float(_height(model, at).mean())
     if mean > HIGHER * width:
         seen = max(width, float(_height(model.replace(delay=0.0, time_constant=0.0), at).mean()))
-    return min(INNER * seen / model.stroke, WIDEST) * (seen / mean if mean else 1.0)
+    usual = min(INNER * seen / model.stroke, WIDEST) * (seen / mean if mean else 1.0)
+    if shown is None or shown.inner >= usual:
+        return usual
+    exponent = 0.5 * min(shown.share / SHOWN, 1.0) ** 3  # of one sine, with noise, the share is 0.02 to 0.05
+    return float(usual ** (1 - exponent) * shown.inner**exponent)
 
 
 def of_inner_loops(model: ActuatorModel, volts: FloatArray, sample_rate: float) -> FloatArray:
@@ -187,9 +212,14 @@ def of_inner_loops(model: ActuatorModel, volts: FloatArray, sample_rate: float) 
         return np.zeros_like(volts)
     v = central_difference(model.strain(volts, sample_rate), sample_rate)
     every = -(-volts.size // POINTS)
-    away = model.explored.distance(places(volts, v, model.voltage_range, model.velocity, every)) / INSIDE
-    inside = model.explored.inner * _height(model, volts[::every]) * np.minimum(away, 1.0)
+    away = model.explored.distance(places(volts, v, model.voltage_range, model.velocity, every))
+    inside = model.explored.inner * inside_of(model, volts[::every], away)
     return np.interp(np.arange(volts.size), np.arange(0, volts.size, every), inside**2)
+
+
+def inside_of(model: ActuatorModel, volts: FloatArray, distance: FloatArray) -> FloatArray:
+    """height min(d / INSIDE, 1) at these voltages, um: what `Explored.inner` is a share of."""
+    return _height(model, volts) * np.minimum(distance / INSIDE, 1.0)
 
 
 def _height(model: ActuatorModel, volts: FloatArray) -> FloatArray:

@@ -240,7 +240,7 @@ def _of_one_family(fit: Fit, loop: float) -> Fit:
     """
     if fit.model.explored is None:
         return fit
-    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model, loop))
+    explored = dataclasses.replace(fit.model.explored, inner=interval.inner(fit.model, loop, fit.inner_loops))
     return dataclasses.replace(fit, model=fit.model.replace(explored=explored))
 
 

@@ -165,8 +165,6 @@ def learn(
     _refuse_reach(motion, gain, limits)
     measures = dynamics is None and bandwidth is None
     rate = check_motion(motion, sample_rate, checks.within("resonance", resonance, 0.0, 1e9, "Hz") if measures else 0.0)
-    for name, seconds in (("settle", SETTLE[0] if settle is None else settle), ("averaged", averaged)):
-        checks.within(name, seconds, 0.0, 3600.0, "s")
     lasting(motion, sample_rate, passes=most, settle=settle, averaged=averaged)
     spring = ""
     if measures:
@@ -223,6 +221,8 @@ def lasting_of(
     samples: int, periods: int, rate: float, *, passes: int, settle: float | None, averaged: float
 ) -> tuple[float, float]:
     """`lasting` of a motion that has not been made: its `repetition` at this rate, Hz."""
+    for name, value in (("settle", SETTLE[0] if settle is None else settle), ("averaged", averaged)):
+        checks.within(name, value, 0.0, 3600.0, "s")
     seconds, frequency = samples / rate, periods * rate / samples
     count = sum(
         _repetitions(samples, periods, rate, *one)

@@ -12,6 +12,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import interval
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.explored import Explored, places, spread
+from truestroke.control.interval import InnerLoops
 from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.regression import Data, Structure
 from truestroke.identification.fitting.select import BLOCKS, FIRST
@@ -41,6 +42,8 @@ class Errors:
         In which the zero has walked, s.
     distance : ndarray
         From what was fitted, as `Explored.distance` has it.
+    volts : ndarray
+        V.
     """
 
     error: FloatArray
@@ -48,6 +51,7 @@ class Errors:
     velocity: FloatArray
     seconds: FloatArray
     distance: FloatArray
+    volts: FloatArray
 
     def jitter(self, model: ActuatorModel) -> float:
         """By how much the error grows with the velocity, s: of a late clock, a lag, a rate dependence that is missed.
@@ -85,6 +89,13 @@ class Errors:
             exponent *= usual**2 * away / (usual**2 * away + all_of_it)
         return min(usual * math.exp(exponent), math.sqrt(all_of_it / away))
 
+    def inner_loops(self, model: ActuatorModel) -> InnerLoops:
+        """What is missed inside of the loops that were fitted: least squares of its square."""
+        inside = interval.inside_of(model, self.volts, self.distance) ** 2
+        square = float(inside @ inside)
+        inner = math.sqrt(float(self.error**2 @ inside) / square) if square else math.inf
+        return InnerLoops(inner, float(np.minimum(self.distance / interval.INSIDE, 1.0).mean()))
+
     def factor(self, model: ActuatorModel) -> float:
         """The k with which the interval holds 95 % of the errors; at least `LEAST`."""
         growth = 0.0 if model.explored is None else model.explored.growth
@@ -97,8 +108,10 @@ class Errors:
         return np.asarray(self.weights + model.noise**2 + (model.jitter * self.velocity) ** 2)
 
 
-def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float, strain: FloatArray) -> ActuatorModel:
-    """The model with `usual_velocity`, `jitter`, `explored` and `coverage_factor`.
+def calibrated(
+    model: ActuatorModel, data: Data, s: Structure, weight: float, strain: FloatArray
+) -> tuple[ActuatorModel, InnerLoops]:
+    """The model with `usual_velocity`, `jitter`, `explored` and `coverage_factor`; and what blocks show of inner loops.
 
     The factor is the geometric mean of two, with which the interval holds 95 % of two kinds of errors: of later blocks
     than those that were fitted, which is right where the record changes; and of the fit itself, right where motion
@@ -122,7 +135,8 @@ def calibrated(model: ActuatorModel, data: Data, s: Structure, weight: float, st
     usual = interval.shown_velocity(central_difference(strain, data.sample_rate)[data.begun :])
     model = model.replace(jitter=ahead.jitter(model), usual_velocity=min(usual, model.velocity))
     model = model.replace(explored=Explored(been, ahead.growth(model)))
-    return model.replace(coverage_factor=math.sqrt(ahead.factor(model) * fit.factor(model)))
+    factor = math.sqrt(ahead.factor(model) * fit.factor(model))
+    return model.replace(coverage_factor=factor), ahead.inner_loops(model)
 
 
 def _errors(
@@ -138,6 +152,7 @@ def _errors(
     start, rows = normal.reduced(rows[data.fitted(s.rested) & ~late]), rows[late]
     J = rows[:, : s.parameters]
     of_weights = np.sum(J @ model.covariance * J, axis=1)
+    x = data.volts[:: data.every][late]
     seconds, rate = np.flatnonzero(late) * data.every / data.sample_rate, v[:: data.every][late]
     pull, blocks = data.prior(s).rows(weight), np.array_split(np.arange(len(rows)), BLOCKS)
     inverse = data.constraints(s, model.velocity)
@@ -152,10 +167,10 @@ def _errors(
             rest = slice(first, len(rows))
             away = Explored(spread(at[:first]), 0.0).distance(at[rest])
             since = seconds[rest] - seconds[first - 1]
-            yield Errors(error(parts[:k], rest), of_weights[rest] * BLOCKS / k, rate[rest], since, away)
+            yield Errors(error(parts[:k], rest), of_weights[rest] * BLOCKS / k, rate[rest], since, away, x[rest])
 
     each, been = [vars(part) for part in later()], spread(at)
     ahead = Errors(**{name: np.concatenate([part[name] for part in each]) for name in each[0]})
     walked = np.full(len(rows), ahead.seconds.mean())  # as long as to the later blocks, on average
     away = Explored(been, 0.0).distance(at)
-    return ahead, Errors(error(parts, slice(0, len(rows))), of_weights, rate, walked, away), been
+    return ahead, Errors(error(parts, slice(0, len(rows))), of_weights, rate, walked, away, x), been

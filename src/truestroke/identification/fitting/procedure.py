@@ -78,9 +78,9 @@ def fit_samples(
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
     model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
     rows = compared.displacement.size / fine.displacement.size
-    model = coverage.calibrated(model, compared, fit.structure, fit.weight * rows, fit.strain)
+    model, shown = coverage.calibrated(model, compared, fit.structure, fit.weight * rows, fit.strain)
     drift = fit.drift
-    fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size])
+    fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size], inner_loops=shown)
     return fit, (*tried, *more), found
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
+from truestroke.control.interval import InnerLoops
 from truestroke.identification.fitting import normal, uncertainty
 from truestroke.identification.fitting.regression import Data, Structure
 from truestroke.model.sampled import central_difference
@@ -29,6 +30,7 @@ class Fit:
     drift: Callable[[int], FloatArray]  # um, of so many samples of the record
     strain: FloatArray  # um, what the model gives before dead time, lag and stage, at the full rate
     c: FloatArray  # of `Structure.coefficients`
+    inner_loops: InnerLoops | None = None  # as later blocks of the record show them
 
     def before(self, data: Data) -> FloatArray:
         """What the model, with creep that was under way, gives before dead time, lag and stage of other rows, um."""

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from truestroke.plant import MultiAxisStage
     from truestroke.signals.scans.images import Sample
 
+USUAL_STROKE = 30.0  # um: a texture repeats after four thirds of it, a grating after a tenth
+USUAL_STROKES = 10.0, 40.0  # um: under stages of these strokes samples have the usual sizes
 FAULTS = ("open", "start", "error", "nan", "short", "wild", "frozen", "hang", "slip", "abort", "stop")
 
 
@@ -94,11 +96,17 @@ class SampleSettings:
         """As the recording describes it."""
         return Signal(name=self.name, unit="nm", source=f"a simulated {self.sample}")
 
-    def made(self) -> "Sample":
-        """The sample."""
+    def made(self, stroke: float) -> "Sample":
+        """The sample: of the usual sizes under stages of 10 to 40 um, else as much larger or smaller as their stroke.
+
+        A texture that repeats within the image shows shifts that are none, and one grain shows no shift at all.
+        """
         from truestroke.signals.scans import Grating, Texture
 
-        return Texture(seed=self.seed) if self.sample == "texture" else Grating()
+        size = 1.0 if USUAL_STROKES[0] <= stroke <= USUAL_STROKES[1] else stroke / USUAL_STROKE
+        if self.sample == "texture":
+            return Texture(seed=self.seed, tile=40.0 * size, grain=0.12 * size)
+        return Grating(pitch=3.0 * size, edge=0.1 * size)
 
 
 def _keys_of(settings: str) -> Callable[[], Iterable[str]]:
@@ -248,7 +256,19 @@ class SimulatedDriver:
             raise SettingError("plants", len(self._plants), f"{self.settings.channels}, one for each channel")
         self._temporary: str | None = None
         self.signals = tuple(one.signal() for one in self.settings.signals)
-        self._samples = [one.made() for one in self.settings.signals]
+        self._samples = self._made()
+
+    def _made(self) -> list["Sample"]:
+        """The samples, by the longest stroke of the stages."""
+        if not self.settings.signals:
+            return []
+        from truestroke.plant import StagePlant
+
+        stages = [one.settings for one in self._plants if isinstance(one, StagePlant)]
+        if self._together is not None:
+            stages = list(self._together.settings.axes)
+        stroke = max((one.stroke for one in stages), default=USUAL_STROKE)
+        return [one.made(stroke) for one in self.settings.signals]
 
     def open(self) -> Timing:
         """The stacks at rest; the output stays where it is."""

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 
+from truestroke.base.display import figures
 from truestroke.runtime.realtime.process import Lifeline
 from truestroke.runtime.realtime.shared import Helper, Shared, Slot, State
 
@@ -54,6 +55,6 @@ def line(shared: Shared, names: list[str], sample_rate: float) -> str:
         for channel, name in enumerate(names):
             desired, measured, volts = shared.last(channel, done, round(WINDOW * sample_rate))
             square = (measured - desired) ** 2
-            rmse = f"{np.sqrt(np.nanmean(square)):.3f}" if np.isfinite(square).any() else "?"
+            rmse = figures(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else "?"
             parts.append(f"{name}: rmse {rmse} um, {volts[-1]:+.3f} V")
     return "   ".join(parts)

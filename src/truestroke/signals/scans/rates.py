@@ -97,9 +97,19 @@ a period of 0.0098 s, no harmonic up to 30 is within 14 Hz of a resonance.'
     each = [f"harmonic {round(one / rate)} meets the resonance of {name}, {one:.4g} Hz" for name, one in met.items()]
     return (
         f"At {rate:.5g} {words} a second {', and '.join(each)}, which may be why: at {other:.10g} {words} a second, a "
-        f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {figures(math.floor(away * other), 2)} "
+        f"period of {1 / other:.10g} s, no harmonic up to {HIGHEST} is within {_at_most(away * other)} "
         "Hz of a resonance."
     )
+
+
+def _at_most(value: float) -> str:
+    """Two digits of a number above 0, rounded down.
+
+    >>> _at_most(0.98), _at_most(14.9), _at_most(0.04567)
+    ('0.98', '14', '0.045')
+    """
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return figures(math.floor(value / step * (1 + 1e-9)) * step, 2)
 
 
 def ticks_of_lines(scan: Scan) -> int:
