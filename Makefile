@@ -4,6 +4,7 @@ VENV ?= .venv
 MINUTES ?= 1
 BIN := $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+BYTECODE = $(BIN)/python -W ignore -m compileall -qq -j 0 -x 'site-packages/.*/tests?/'
 NATIVE := $(shell find c src/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp')
 BUILT_WITH := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])
 OLD_PYTHON := truestroke needs Python 3.11 or newer; this is %s. Try: make PYTHON=python3.12
@@ -29,7 +30,8 @@ setup: $(VENV)/.ready  ## the environment that all but the demo use: the demo's,
 
 # The package, editable, and what it needs. What builds it stays in the environment: in one of pip's own, which is another
 # one each time, all would be compiled anew, and not what has changed. Bytecode is made on all cores: where Python writes
-# none by itself, every command would begin a second later. A file that does not compile is the business of its package.
+# none by itself, every command would begin a second later. A file that does not compile is the business of its package,
+# and hardly anything imports the tests of packages, which are a quarter of all.
 $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "$(OLD_PYTHON)" % sys.version.split()[0])'
 	@echo 'Setting up $(VENV), once: half a minute where nothing else runs; pip compiles the kernel and fetches what it lacks.'
@@ -37,7 +39,7 @@ $(VENV)/.package: pyproject.toml CMakeLists.txt Makefile $(NATIVE)
 	  $(PIP) --no-compile cmake ninja $$($(BIN)/python -c '$(BUILT_WITH)') && \
 	  $(PIP) --no-compile --no-deps --no-build-isolation --editable . && \
 	  $(PIP) --no-compile truestroke && \
-	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib src || true; } && \
+	  { $(BYTECODE) $(VENV)/lib src || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
@@ -49,7 +51,7 @@ $(VENV)/.ready: $(VENV)/.package
 	@echo "PIPython, the client of Physik Instrumente, under PI's licence; the tests of its driver use it."
 	@begin=$$(date +%s); $(PIP) --no-compile 'truestroke[dev]' && \
 	  $(PIP) --no-compile --no-deps qudi-core==1.7.0 qudi-iqo-modules==1.0.0 && \
-	  { $(BIN)/python -W ignore -m compileall -qq -j 0 $(VENV)/lib || true; } && \
+	  { $(BYTECODE) $(VENV)/lib || true; } && \
 	  echo "That took $$(($$(date +%s) - begin)) s."
 	@touch $@
 
