@@ -22,8 +22,8 @@ demo: $(VENV)/.package  ## follow the paper's random wave with a simulated stack
 
 # What waits for the disk or the network beside what computes, on two cores; the tests in Python have them for themselves.
 test:  ## everything that CI runs
-	@$(MAKE) --no-print-directory -j 2 setup c-test analyse
-	@$(MAKE) --no-print-directory -j 2 --output-sync=target lint types imports docs fuzz-again wheel zig
+	@$(MAKE) --no-print-directory -j 2 setup analyse
+	@$(MAKE) --no-print-directory -j 2 --output-sync=target c-test docs lint types imports fuzz-again wheel zig
 	@$(MAKE) --no-print-directory pytest
 
 setup: $(VENV)/.ready  ## the environment that all but the demo use: the demo's, and the tools of developers
@@ -98,8 +98,9 @@ docs-pdf: docs  ## the site as one document: build/site/truestroke.pdf
 	@$(BIN)/python -m sphinx -q -b singlehtml -c docs/site -d build/site/doctrees build/site/source build/site/single
 	@$(BIN)/python -m docs.site.look --pdf build/site/truestroke.pdf build/site/single/index.html
 
-c-test:  ## the kernel by itself, with sanitisers
-	$(MAKE) -C c test
+# Its variants are those of the package, which `setup` has compiled, where CMake has left them.
+c-test: setup  ## the kernel by itself, with sanitisers
+	$(MAKE) -C c test BUILT="$$(ls -t $(CURDIR)/build/*/lib_kernel_c.a 2>/dev/null | head -1 | xargs -r dirname)"
 
 # Where there is nothing to read it with, or another version of cppcheck, a test in Python says so.
 analyse:  ## the kernel as cppcheck with its MISRA addon and clang's analyser read it
@@ -111,7 +112,7 @@ zig: setup  ## the kernel's tests built for Windows, macOS and aarch64, run unde
 
 fuzz: fuzz-kernel fuzz-readers  ## any input for a minute; for hours: make fuzz SECONDS=36000
 
-fuzz-again: setup  ## the same input each time, as CI runs it
+fuzz-again: setup c-test  ## the same input each time, as CI runs it
 	$(MAKE) -C c fuzz SEED=1 SECONDS=20
 	$(BIN)/python benchmarks/fuzz_readers.py --cases 4000
 
