@@ -31,11 +31,14 @@ def preisach(v: np.ndarray, rng: np.random.Generator, relays: int = 4000) -> np.
     """Relays with random switching points, more of them near the diagonal and at high voltage; and half a line."""
     middle, half = rng.beta(1.6, 1.2, relays), rng.exponential(0.12, relays)
     weights = rng.lognormal(0.0, 0.8, relays) / relays
-    state, out = np.zeros(relays), np.empty(v.size)
+    closes, opens = middle + half, middle - half
+    state, out, before = np.zeros(relays), np.empty(v.size), -np.inf
     for k, x in enumerate(v):
-        state[x > middle + half] = 1.0
-        state[x < middle - half] = 0.0
-        out[k] = weights @ state
+        if x > before:
+            np.putmask(state, x > closes, 1.0)
+        else:
+            np.putmask(state, x < opens, 0.0)
+        out[k], before = weights @ state, x
     return 0.5 * v + 0.5 * out
 
 

@@ -270,6 +270,7 @@ def test_a_file_carries_what_speaks_against_its_waveform(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["wave.csv", "wave.npz"])
+@pytest.mark.usefixtures("no_waiting")
 def test_playback_refuses_a_bad_waveform_and_says_a_doubtful_one(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     Path("stage.toml").write_text(

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from docs.site import check, gallery, github, reference, reports, stage
@@ -19,7 +20,7 @@ import truestroke
 from truestroke import cli
 from truestroke.base.flags import Flags
 
-access, mathml = Late("docs.site.access"), Late("docs.site.mathml")
+access, mathml, sidebar = Late("docs.site.access"), Late("docs.site.mathml"), Late("docs.site.sidebar")
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 STAGED, BUILT = ROOT / "build/site/source", ROOT / "build/site/html"
@@ -122,6 +123,26 @@ def test_lines_of_an_equation_are_lines() -> None:
     assert shown.count("<mtr>") == 2
     assert "\N{MATHEMATICAL BOLD CAPITAL P}" in html.unescape(mathml.mathml(r"\mathbf P u", "inline"))
     assert "x00026" not in shown
+
+
+def test_pages_that_no_side_bar_lists_share_that_of_their_folder() -> None:
+    env = SimpleNamespace(toctree_includes={"index": ["run", "decisions/first"]})
+    once, calls = sidebar.Once(), []
+
+    def made(page: str, **options: object) -> str:
+        def toctree(**options: object) -> str:
+            calls.append(page)
+            return f"seen from {page}, {options}"
+
+        context = {"toctree": toctree}
+        once(SimpleNamespace(builder=SimpleNamespace(env=env)), page, "page.html", context, None)
+        return context["toctree"](**options)
+
+    pages = ["index", "run", "decisions/first", "decisions/0001", "decisions/0002", "changes", "news"]
+    shown = [made(page, collapse=False) for page in pages]
+    assert calls == [*pages[:4], "changes"]
+    assert shown[4] == shown[3]
+    assert made("decisions/0002", collapse=True) != shown[3]
 
 
 # ---- In a browser --------------------------------------------------------------------------------------------------

@@ -155,8 +155,8 @@ def answer(command, rate, frequency, damping, finer=10):
     """Of a second-order stage to commands that are held for a tick, by scipy; time, s, and displacement, um."""
     w = 2 * np.pi * frequency
     t = np.arange(command.size * finer) / (rate * finer)
-    mode = signal.TransferFunction([w**2], [1, 2 * damping * w, w**2])
-    return t, signal.lsim(mode, np.repeat(command, finer), t, interp=False)[1]
+    (b,), poles, _ = signal.cont2discrete(([w**2], [1, 2 * damping * w, w**2]), t[1])
+    return t, signal.lfilter(b, poles, np.repeat(command, finer))
 
 
 @pytest.mark.parametrize("inverted", [False, True])

@@ -33,10 +33,19 @@ def pythons() -> dict[str, str]:
     return found
 
 
-def build(python: str, into: Path, *options: str) -> Path:
+def pip(python: str | Path, *words: str | Path) -> None:
+    """This environment's pip for another one: to install it in each takes longer than what it does there."""
+    run(sys.executable, "-m", "pip", "--python", python, *words)
+
+
+def build(python: str | Path, into: Path, *options: str) -> Path:
     """The wheel that pip builds from a clean copy of what git would give."""
-    run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", *options, "--wheel-dir", into, ROOT)
+    pip(python, "wheel", "--quiet", "--no-deps", *options, "--wheel-dir", into, ROOT)
     return next(into.glob("*.whl"))
+
+
+def install(python: Path, *what: str | Path) -> None:
+    pip(python, "install", "--quiet", "--no-compile", *what)
 
 
 def audit(wheel: Path) -> None:
@@ -48,25 +57,25 @@ def audit(wheel: Path) -> None:
 
 
 def main() -> None:
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # pip starts itself several times
     with tempfile.TemporaryDirectory() as folder:
         wheels: dict[str, Path] = {}
         for version, python in sorted(pythons().items()):
             tag = "cp311" if version == "3.11" else "abi3"
             venv = Path(folder) / version
-            run(python, "-m", "venv", venv)
+            run(python, "-m", "venv", "--without-pip", venv)
             binary = venv / ("Scripts" if os.name == "nt" else "bin")
             if tag not in wheels:
                 if python == sys.executable:  # `make setup` has compiled all of it
                     wheels[tag] = build(python, Path(folder) / tag, "--no-build-isolation")
                 else:
-                    wheels[tag] = build(str(binary / "python"), Path(folder) / tag)
+                    wheels[tag] = build(binary / "python", Path(folder) / tag)
                 if sys.platform == "linux":
                     audit(wheels[tag])
-            run(binary / "python", "-m", "pip", "install", "--quiet", "--no-compile", "numpy")
-            run(binary / "python", "-m", "pip", "install", "--quiet", "--no-compile", "--no-deps", wheels[tag])
+            install(binary / "python", "--no-deps", "numpy", wheels[tag])
             run(binary / "python", "-W", "error", ROOT / "tests/smoke.py", cwd=folder)
             if python == sys.executable:
-                run(binary / "python", "-m", "pip", "install", "--quiet", "--no-compile", wheels[tag])
+                install(binary / "python", wheels[tag])
                 run(binary / "truestroke", "track", "--duration", "2", "--output", Path(folder) / "run", cwd=folder)
 
 

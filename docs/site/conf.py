@@ -27,6 +27,7 @@ extensions = [
     "github",
     "keywords",
     "mathml",
+    "sidebar",
 ]
 
 # The pages are those that GitHub shows: its anchors, its mathematics, its pictures.
