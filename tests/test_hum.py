@@ -286,7 +286,7 @@ def test_hum_that_is_added_and_removed_on_the_way_makes_no_step() -> None:
         ("f0", 1200.0, 3.0),
         ("dynamics", 250.0, 3.0),
         ("dynamics", 600.0, 0.3),
-        ("nothing", 600.0, 3.0),
+        ("nothing", 1000.0, 3.0),
         ("nothing", 1200.0, 3.0),
     ],
 )

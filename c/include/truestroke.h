@@ -224,8 +224,10 @@ typedef struct {
     ts_real innovation1, innovation2; /* of the last two ticks, um */
     ts_real change;                 /* mean square of the normalised innovation */
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
-    bool relates;                   /* the innovation is related to it: with a stage in the model */
+    int relates;                    /* times as fast it follows, and the innovation is related to it; 0: neither */
+    ts_real energy, at_change;      /* um^2: mean square of the innovation, and what it was at the last change; 0: none was */
     bool steady;                    /* the tracking error has long been small: a change has to be clearer */
+    bool small;                     /* the tracking error of the last window was small: a burst has only begun */
     bool calm;                      /* no stage is in the model, and the tracking error is small: large weights are no burst */
     int since_change, spikes, since_return;
     bool started, pending, changed;
@@ -240,8 +242,11 @@ TS_API void ts_kalman_init(ts_kalman *k, ts_prior P0, ts_real sigma, int m);
 
 /* The covariance is that of the prior again, and the filters start anew; the noise stays. */
 TS_API void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m);
-/* The same, and the weights may be off by any share of d, which is padded with zeros, beside all else: P(0) + d d'. They stay for so
- * many ticks, 2 at least, so that P is made in the next one. */
+/* The weights stay for so many ticks, and what is unusual is summed anew. */
+TS_API void ts_kalman_wait(ts_kalman *k, int ticks);
+
+/* As ts_kalman_reset_covariance, and the weights may be off by any share of d, which is padded with zeros, beside all else:
+ * P(0) + d d'. They stay for so many ticks, 2 at least, so that P is made in the next one. */
 TS_API void ts_kalman_renew(ts_kalman *k, const ts_real *d, int ticks, int m);
 /* P is made now, if it waits for the next tick: for those who read it before. */
 TS_API void ts_kalman_complete(ts_kalman *k, ts_prior P0, int m);

@@ -15,6 +15,8 @@
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
 #define DRIVES 8                  /* and so many of them in a row drive the stage, */
 #define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
+#define UNRELATED 2               /* times as fast as with a stage in the model the usual error follows without one, */
+#define SMALL ((ts_real)0.02)     /* where the error of the motion, over its range, is smaller */
 #define UNSURE ((ts_real)10)      /* times the variance of the first slope, for what it was learned from is not white, */
 #define ALLOWED ((ts_real)0.5)    /* without so much of what a sudden change adds to it */
 
@@ -162,6 +164,14 @@ static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y
     return r->u;
 }
 
+/* How fast the usual error follows, to which a change is related; 0: it is not. Without a stage in the model an error that grows
+ * slowly would be one change after the other; a large one may be. */
+static int relates(const ts_controller *c)
+{
+    if (dynamics_of(c)->known) return 1;
+    return c->law.kalman.small ? UNRELATED : 0;
+}
+
 /* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */
 static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real innovation, bool measured, bool learn)
 {
@@ -169,7 +179,8 @@ static void adapt_kalman(ts_controller *c, const ts_real *u, ts_real y, ts_real 
     ts_kalman *k = &c->law.kalman;
     ts_real space[TS_PADDED(TS_MAX_PARAMETERS)], alone[TS_PADDED(TS_MAX_PARAMETERS)], third = third_pole(c);
     u = ts_without_hum(c, u, &y, alone);
-    k->relates = dynamics_of(c)->known;
+    k->small = c->guard.error < SMALL;
+    k->relates = relates(c);
     k->steady = is_given(c) && c->guard.small >= TS_SETTLED;
     k->calm = !dynamics_of(c)->known && c->guard.small > 0;
     if (measures_inertia(c)) u = with_inertia(c, u, &y, learn, space);

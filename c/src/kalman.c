@@ -8,6 +8,8 @@
 #define UNLIKELY 3 /* times the expected first weight: stroke or voltage limits are not those of the actuator */
 #define STEEPEST 5 /* times it, at most, that count */
 #define USUAL 3 /* mean square of the normalised innovation: a larger one is usual, but no sudden change */
+#define SOON 8 /* refractory times after a change: what seems to be another one until then, */
+#define RAISED 2 /* with so many times its mean square, is what the law has made of it */
 
 enum { OF_PLAYS = 3, ALONE = 4 }; /* of `part`: what it says of the plays; a weight that stands by itself when P is made */
 enum { ROWS = TS_LANES / 2 }; /* of one width, of which a loop over the rows of P takes so many at a time */
@@ -113,12 +115,18 @@ void ts_kalman_reset_covariance(ts_kalman *k, ts_prior P0, int m)
     restart(k->P, P0, m);
 }
 
+void ts_kalman_wait(ts_kalman *k, int ticks)
+{
+    k->since_change = -ticks;
+    k->change = k->at_change = 0;
+}
+
 void ts_kalman_renew(ts_kalman *k, const ts_real *d, int ticks, int m)
 {
     begin_anew(k, m);
     memcpy(k->Pu, d, sizeof(ts_real) * (size_t)TS_PADDED(m));
     k->renews = true;
-    k->since_change = -ticks;
+    ts_kalman_wait(k, ticks);
 }
 
 void ts_kalman_complete(ts_kalman *k, ts_prior P0, int m)
@@ -383,6 +391,23 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int
     move_weights(w, step, Pg, m);
 }
 
+/* Whether the actuator has changed, by the normalised innovation, squared, and the innovation, um: no longer where the law takes
+ * for one what it has made of the last one. */
+static void detect_change(ts_kalman *k, const ts_kalman_settings *s, ts_real nu2, ts_real e)
+{
+    ts_real size = e * e, most = TS_LARGEST * TS_LARGEST;
+    k->energy += s->change_rate * ((size < most ? size : most) - k->energy);
+    k->change += s->change_rate * (nu2 - k->change);
+    bool found = k->change > s->change_threshold && k->since_change >= s->refractory;
+    bool own = k->small && k->at_change > 0 && k->since_change / SOON < s->refractory && k->energy > RAISED * k->at_change;
+    if (found) {
+        k->change = 0;
+        k->since_change = 0;
+    }
+    k->changed = found && !own;
+    if (k->changed) k->at_change = k->energy;
+}
+
 /* First tick of an update: the weights, and their return to the prior. False where P is no longer definite, which then
  * starts anew, and where the divisor is 0: no motion, no noise, no error of the model. */
 static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0, ts_prior P0, ts_real *w, int m)
@@ -409,15 +434,11 @@ static bool update(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0,
     if (k->steady) nu2 *= STEADY;
     if (!(nu2 < 100)) nu2 = 100;
     if (s->usual_rate > 0 && k->relates) {
-        k->usual += s->usual_rate * (whole - k->usual);
+        ts_real rate = (ts_real)k->relates * s->usual_rate;
+        k->usual += (rate < 1 ? rate : 1) * (whole - k->usual);
         if (k->usual > USUAL) nu2 *= USUAL / k->usual;
     }
-    k->change += s->change_rate * (nu2 - k->change);
-    k->changed = k->change > s->change_threshold && k->since_change >= s->refractory;
-    if (k->changed) {
-        k->since_change = 0;
-        k->change = 0;
-    }
+    detect_change(k, s, nu2, e);
     k->pending = true;
     return true;
 }
@@ -440,7 +461,7 @@ bool ts_kalman_tick(ts_kalman *k, const ts_kalman_settings *s, const ts_real *w0
         follow_noise(k, s, innovation, measured);
         pass_filter(k, k->filter, u, y, m);
     } else k->started = false; /* a tick that is not used must not stay in the filters either */
-    if (k->since_change < s->refractory) k->since_change++;
+    if (k->since_change < INT32_MAX) k->since_change++;
     if (k->pending) {
         follow_covariance(k, s, w0, P0, w, m);
         return false;

@@ -217,8 +217,7 @@ static void keep_least(ts_controller *c, const ts_real *w, ts_real error, ts_rea
 static void learn_on(ts_controller *c)
 {
     c->stage.before.growth.held = 0;
-    c->law.kalman.change = 0;
-    c->law.kalman.since_change = -(int)(1 / c->stage.resonance);
+    ts_kalman_wait(&c->law.kalman, (int)(1 / c->stage.resonance));
 }
 
 /* The least error over the range that has grown: a smaller one is noise. */

@@ -71,8 +71,9 @@ class FilteringLaw(Law, Protocol):
     caution: float
     changed: bool
     since_change: int
-    relates: bool
+    relates: int
     steady: bool
+    small: bool
     calm: bool
     outgrown: bool
     started: bool
@@ -395,6 +396,9 @@ STEADY = 0.4  # of the normalised innovation counts where the error has long bee
 UNLIKELY = 3.0  # times the expected first weight: stroke or voltage limits are not those of the actuator
 STEEPEST = 5.0  # times it, at most, that count
 USUAL = 3.0  # mean square of the normalised innovation: a larger one is usual, but no sudden change
+SOON = 8  # refractory times after a change: what seems to be another one until then,
+RAISED = 2  # with so many times its mean square, is what the law has made of it
+NEVER = 2**31 - 1  # ticks
 SURPRISE = 100.0  # largest normalised innovation, squared, that counts for a change: one alone must not trigger it
 
 
@@ -468,7 +472,8 @@ class BoundedKalman:
     - *Spikes*: e^2 > outlier^2 (s + sigma^2) up to three times in a row is a fault of the sensor; the fourth is used.
     - *Changes*: the mean of e^2 / (u'P u + (sigma^2 + model_error^2) / 2), each at most 100, above a threshold. P then
       grows in the usual directions of a change: all play weights together, and the hysteresis together, in proportion
-      to w; and by a share of the prior. After that it waits for the refractory time.
+      to w; and by a share of the prior. After that it waits for the refractory time. Where the tracking error was
+      `small`, an innovation that grows within eight of these times is what the law has made of it, and no change.
     - *Ticks that are not used* (hold, a voltage limit) do not change w, and the poles start anew after them.
 
     Parameters
@@ -500,10 +505,13 @@ class BoundedKalman:
         The same after learning has failed, um^2: see `truestroke.control.guard`.
     changed : bool
         The last update detected a change of the actuator.
-    relates : bool
-        Whether `usual_rate` counts; the controller switches it off where no stage is in the model.
+    relates : int
+        Times `usual_rate`; 0: it does not count. The controller says so while no stage is in the model and the tracking
+        error is large.
     steady : bool
         Whether a change has to be larger by 1 / `STEADY`: the controller says so while the error has long been small.
+    small : bool
+        Whether the tracking error of the last window was small: a burst has only begun.
     calm : bool
         Whether no stage is in the model and the tracking error is small, so that large weights are no burst.
     outgrown : bool
@@ -558,10 +566,11 @@ class BoundedKalman:
         self.variance = 0.0  # s of the last update, um^2
         self.sigma, self.ringing = settings.first_noise, 0.0  # um, um^2
         self.e1 = self.e2 = 0.0  # innovations of the last two ticks, um
-        self.change, self.since_change, self.spikes, self.since_return = 0.0, 2**31 - 1, 0, 0
+        self.change, self.since_change, self.spikes, self.since_return = 0.0, NEVER, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
+        self.energy = self.at_change = 0.0  # um^2: that of the innovation, and what it was at the last change, or 0
         self.started = self.pending = self.changed = False
-        self.relates, self.steady, self.calm, self.outgrown = True, False, False, False
+        self.relates, self.steady, self.small, self.calm, self.outgrown = 1, False, False, False, False
 
     def take(self, settings: KalmanSettings) -> None:
         """New settings; w, P and the present filter stay."""
@@ -581,7 +590,7 @@ class BoundedKalman:
 
     def wait(self, ticks: int) -> None:
         """The weights stay for so many ticks, and what is unusual is summed anew."""
-        self.since_change, self.change = -ticks, 0.0
+        self.since_change, self.change, self.at_change = -ticks, 0.0, 0.0
 
     def noise_of_sine(self, amplitude: float, frequency: float) -> float:
         """A sine of this amplitude, um, and frequency, cycles per tick, as noise, um^2: its variance behind the filter.
@@ -667,8 +676,7 @@ class BoundedKalman:
             self._filter(u, y)
         else:
             self.started = False
-        if self.since_change < self.settings.refractory:
-            self.since_change += 1
+        self.since_change = min(self.since_change + 1, NEVER)
         if self.pending:
             self._follow_covariance()
             return False
@@ -714,21 +722,26 @@ class BoundedKalman:
         self.since_return += 2
         if self.since_return >= RETURN_EVERY:
             self.weights = self.weights + s.prior_return * (self.w0 - self.weights)
-        self._detect_change(e * e / expected)
+        self._detect_change(e * e / expected, e * e)
         return True
 
-    def _detect_change(self, surprise: float) -> None:
+    def _detect_change(self, surprise: float, square: float) -> None:
         s = self.settings
+        self.energy += s.change_rate * (min(square, LARGEST * LARGEST) - self.energy)
         whole = min(surprise, SURPRISE)
         surprise = min(STEADY * surprise, SURPRISE) if self.steady else whole
         if s.usual_rate > 0 and self.relates:
-            self.usual += s.usual_rate * (whole - self.usual)
+            self.usual += min(self.relates * s.usual_rate, 1.0) * (whole - self.usual)
             if self.usual > USUAL:
                 surprise *= USUAL / self.usual
         self.change += s.change_rate * (surprise - self.change)
-        self.changed = self.change > s.change_threshold and self.since_change >= s.refractory
-        if self.changed:
+        found = self.change > s.change_threshold and self.since_change >= s.refractory
+        soon = self.small and self.at_change > 0 and self.since_change // SOON < s.refractory
+        if found:
             self.since_change, self.change = 0, 0.0
+        self.changed = found and not (soon and self.energy > RAISED * self.at_change)
+        if self.changed:
+            self.at_change = self.energy
 
     def _haste(self) -> float:
         """By how much faster P returns to the prior where the actuator is far steeper than that says."""

@@ -38,6 +38,8 @@ LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
 DRIVES = 8  # and so many of them in a row drive the stage,
 SHRINKS = 0.75  # where the last one is not smaller than this times the first one
+UNRELATED = 2  # times as fast as with a stage in the model the usual error follows without one,
+SMALL = 0.02  # where the error of the motion, over its range, is smaller
 UNSURE = 10  # times the variance of the first slope, for what it was learned from is not white,
 ALLOWED = 0.5  # without so much of what a sudden change adds to it
 
@@ -326,13 +328,24 @@ def update_law(
         u, y = with_inertia(c, law, u, y, learn=learn)
     elif third > 0:
         u, y = behind_pole(c, u, y, third, learn=learn)
-    law.relates = c.path is not None
+    law.small = c.kept.guard.error < SMALL
+    law.relates = relates(c, law)
     law.steady = c.is_given and c.kept.guard.small >= SETTLED
     law.calm = c.path is None and c.kept.guard.small > 0
     if law.tick(u, y, innovation, measured=measured, learn=learn):  # (23)
         project_slope(c, law, c.fastest)  # slopes are linear in the rate:
         project_slope(c, law, -c.fastest)  # its two ends are the worst
         c.changed = law.changed
+
+
+def relates(c: State, law: FilteringLaw) -> int:
+    """How fast the usual error follows, to which a change is related; 0: it is not.
+
+    Without a stage in the model an error that grows slowly would be one change after the other; a large one may be.
+    """
+    if c.path is not None:
+        return 1
+    return UNRELATED if law.small else 0
 
 
 def third_pole(c: State, law: FilteringLaw) -> float:
