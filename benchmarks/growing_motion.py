@@ -20,6 +20,7 @@ from multiprocessing import Pool
 from typing import Any
 
 import numpy as np
+from benchmarks.unseen_mode import rms_and_largest
 from numpy.typing import NDArray
 
 from truestroke import AdaptiveController, run, trajectories
@@ -138,10 +139,7 @@ def errors(number: int, given: str) -> tuple[float, float, float]:
     warnings.simplefilter("ignore")  # of limits and of the model: the error is what counts here
     case = sampled(number)
     recording = run(wave_of(case), controller_of(case, given), StagePlant(case.stage, seed=number))
-    error = 100 / TRAVEL * np.abs(recording["true"] - recording["desired"])
-    early = round(case.stage.sample_rate / 2)
-    rms = float(np.sqrt(np.mean(error[error.size // 2 :] ** 2)))
-    return rms, float(error[:early].max()), float(error[early:].max())
+    return rms_and_largest(recording, TRAVEL)
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestroke import AdaptiveController, Dynamics, run, trajectories
+from truestroke import AdaptiveController, Dynamics, Recording, run, trajectories
 from truestroke.plant import StagePlant, StageSettings
 
 RATES = (1000.0, 2000.0, 5000.0, 10_000.0, 20_000.0)  # Hz
@@ -68,6 +68,14 @@ def sampled(number: int) -> Case:
     return Case(stage, known, motion, float(frequency))
 
 
+def rms_and_largest(recording: Recording, travel: float) -> tuple[float, float, float]:
+    """The true rms of the second half, and the largest error before and after 0.5 s, % of a travel, um."""
+    error = 100 * np.abs(recording["true"] - recording["desired"]) / travel
+    early = int(np.searchsorted(recording["time"], 0.5))
+    rms = float(np.sqrt(np.mean(error[error.size // 2 :] ** 2)))
+    return rms, float(error[:early].max()), float(error[early:].max())
+
+
 def errors(case: Case, seed: int, *, feedback: bool) -> tuple[float, float, float]:
     """The rms of the second half, and the largest error before and after 0.5 s, % of peak to peak."""
     rate = case.stage.sample_rate
@@ -76,10 +84,7 @@ def errors(case: Case, seed: int, *, feedback: bool) -> tuple[float, float, floa
     axis = {"sample_rate": rate, "stroke": 24.0, "voltage_limits": (-0.6, 3.6), "slew_limit": 1e5}
     controller = AdaptiveController(**axis, dynamics=case.known, feedback=feedback)
     recording = run(wave, controller, StagePlant(case.stage, seed=seed))
-    error = 100 * np.abs(recording["true"] - recording["desired"]) / TRAVEL
-    early = round(rate / 2)
-    rms = float(np.sqrt(np.mean(error[error.size // 2 :] ** 2)))
-    return rms, float(error[:early].max()), float(error[early:].max())
+    return rms_and_largest(recording, TRAVEL)
 
 
 def main() -> None:

@@ -224,8 +224,8 @@ typedef struct {
     ts_real innovation1, innovation2; /* of the last two ticks, um */
     ts_real change;                 /* mean square of the normalised innovation */
     ts_real usual;                  /* the same, slowly: what the model does not explain at any time */
-    int relates;                    /* times as fast it follows, and the innovation is related to it; 0: neither */
-    ts_real energy, at_change;      /* um^2: mean square of the innovation, and what it was at the last change; 0: none was */
+    int relates;                    /* times usual_rate: how fast it follows; 0: the innovation is not related to it */
+    ts_real power, at_change;       /* um^2: mean square of the innovation, and what it was at the last change; 0: none was */
     bool steady;                    /* the tracking error has long been small: a change has to be clearer */
     bool small;                     /* the tracking error of the last window was small: a burst has only begun */
     bool calm;                      /* no stage is in the model, and the tracking error is small: large weights are no burst */

@@ -15,7 +15,7 @@
 #define HALF_WAVE ((ts_real)0.75) /* periods of the stage: within that, is a swing, */
 #define DRIVES 8                  /* and so many of them in a row drive the stage, */
 #define SHRINKS ((ts_real)0.75)   /* where the last one is not smaller than this times the first one */
-#define UNRELATED 2               /* times as fast as with a stage in the model the usual error follows without one, */
+#define WITHOUT_STAGE 2           /* times as fast as with a stage in the model the usual error follows without one, */
 #define SMALL ((ts_real)0.02)     /* where the error of the motion, over its range, is smaller */
 #define UNSURE ((ts_real)10)      /* times the variance of the first slope, for what it was learned from is not white, */
 #define ALLOWED ((ts_real)0.5)    /* without so much of what a sudden change adds to it */
@@ -169,7 +169,7 @@ static const ts_real *behind_pole(ts_controller *c, const ts_real *u, ts_real *y
 static int relates(const ts_controller *c)
 {
     if (dynamics_of(c)->known) return 1;
-    return c->law.kalman.small ? UNRELATED : 0;
+    return c->law.kalman.small ? WITHOUT_STAGE : 0;
 }
 
 /* One tick of the law: u.w should be y; innovation 0 and measured false where the measurement is missing or rejected. */

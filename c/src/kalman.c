@@ -396,16 +396,16 @@ void ts_kalman_project(const ts_kalman *k, ts_real *w, ts_column_sums *sums, int
 static void detect_change(ts_kalman *k, const ts_kalman_settings *s, ts_real nu2, ts_real e)
 {
     ts_real size = e * e, most = TS_LARGEST * TS_LARGEST;
-    k->energy += s->change_rate * ((size < most ? size : most) - k->energy);
+    k->power += s->change_rate * ((size < most ? size : most) - k->power);
     k->change += s->change_rate * (nu2 - k->change);
     bool found = k->change > s->change_threshold && k->since_change >= s->refractory;
-    bool own = k->small && k->at_change > 0 && k->since_change / SOON < s->refractory && k->energy > RAISED * k->at_change;
+    bool own = k->small && k->at_change > 0 && k->since_change / SOON < s->refractory && k->power > RAISED * k->at_change;
     if (found) {
         k->change = 0;
         k->since_change = 0;
     }
     k->changed = found && !own;
-    if (k->changed) k->at_change = k->energy;
+    if (k->changed) k->at_change = k->power;
 }
 
 /* First tick of an update: the weights, and their return to the prior. False where P is no longer definite, which then

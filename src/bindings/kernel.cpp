@@ -117,8 +117,8 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("innovation_before_that", &k.innovation2, 1);
     visit("change", &k.change, 1);
     visit("usual", &k.usual, 1);
-    visit("energy", &k.energy, 1);
-    visit("energy_at_change", &k.at_change, 1);
+    visit("innovation_power", &k.power, 1);
+    visit("innovation_power_at_change", &k.at_change, 1);
     visit("filter", &k.filter, 1);
     visit("disturbance", &k.disturbance, 1);
     visit("load", &k.load, 1);
@@ -387,8 +387,8 @@ void check_kalman(const ts_controller &c) {
     require_range("since_return", k.since_return, 0, TS_RETURN_EVERY);
     require_all("filter", k.filter > 0 && k.filter <= 1, "above 0, at most 1");
     not_negative("disturbance", k.disturbance);
-    not_negative("energy", k.energy);
-    not_negative("energy_at_change", k.at_change);
+    not_negative("innovation_power", k.power);
+    not_negative("innovation_power_at_change", k.at_change);
     const ts_oscillation &o = c.oscillation;
     not_negative("mean_speed", o.speed);
     not_negative("mean_acceleration", o.acceleration);

@@ -568,7 +568,7 @@ class BoundedKalman:
         self.e1 = self.e2 = 0.0  # innovations of the last two ticks, um
         self.change, self.since_change, self.spikes, self.since_return = 0.0, NEVER, 0, 0
         self.usual = 0.0  # mean square of the normalised innovation, slowly
-        self.energy = self.at_change = 0.0  # um^2: that of the innovation, and what it was at the last change, or 0
+        self.power = self.at_change = 0.0  # um^2: that of the innovation, and what it was at the last change, or 0
         self.started = self.pending = self.changed = False
         self.relates, self.steady, self.small, self.calm, self.outgrown = 1, False, False, False, False
 
@@ -727,7 +727,7 @@ class BoundedKalman:
 
     def _detect_change(self, surprise: float, square: float) -> None:
         s = self.settings
-        self.energy += s.change_rate * (min(square, LARGEST * LARGEST) - self.energy)
+        self.power += s.change_rate * (min(square, LARGEST * LARGEST) - self.power)
         whole = min(surprise, SURPRISE)
         surprise = min(STEADY * surprise, SURPRISE) if self.steady else whole
         if s.usual_rate > 0 and self.relates:
@@ -739,9 +739,9 @@ class BoundedKalman:
         soon = self.small and self.at_change > 0 and self.since_change // SOON < s.refractory
         if found:
             self.since_change, self.change = 0, 0.0
-        self.changed = found and not (soon and self.energy > RAISED * self.at_change)
+        self.changed = found and not (soon and self.power > RAISED * self.at_change)
         if self.changed:
-            self.at_change = self.energy
+            self.at_change = self.power
 
     def _haste(self) -> float:
         """By how much faster P returns to the prior where the actuator is far steeper than that says."""

@@ -38,7 +38,7 @@ LARGE_SWING = 0.5  # of that: so much to one side, and to the other one
 HALF_WAVE = 0.75  # periods of the stage: within that, is a swing,
 DRIVES = 8  # and so many of them in a row drive the stage,
 SHRINKS = 0.75  # where the last one is not smaller than this times the first one
-UNRELATED = 2  # times as fast as with a stage in the model the usual error follows without one,
+WITHOUT_STAGE = 2  # times as fast as with a stage in the model the usual error follows without one,
 SMALL = 0.02  # where the error of the motion, over its range, is smaller
 UNSURE = 10  # times the variance of the first slope, for what it was learned from is not white,
 ALLOWED = 0.5  # without so much of what a sudden change adds to it
@@ -345,7 +345,7 @@ def relates(c: State, law: FilteringLaw) -> int:
     """
     if c.path is not None:
         return 1
-    return UNRELATED if law.small else 0
+    return WITHOUT_STAGE if law.small else 0
 
 
 def third_pole(c: State, law: FilteringLaw) -> float:
