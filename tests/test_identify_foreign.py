@@ -247,7 +247,7 @@ TOP = 0.7 * Z.max()
         ((T, X, np.where(np.arange(T.size) == 7, np.nan, Z)), "line 9: displacement is missing"),
         ((T[:2], X[:2], Z[:2]), "2 rows; at least 50"),
         ((np.where(np.arange(T.size) == 20, T[19], T), X, Z), "line 22: time 0.038 s repeats"),
-        ((T, X, -Z), "must be one that rises; --flip-displacement turns its sign: give it, or leave it out"),
+        ((T, X, -Z), "must be one that rises; --flip-displacement turns its sign"),
     ],
     ids=["constant", "nan", "two-rows", "repeated", "falls"],
 )
@@ -257,6 +257,12 @@ def test_bad_records_are_refused_in_a_line(tmp_path, columns, words):
     assert words in told.stderr
     assert told.stderr.count("\n") == 1
     assert not (tmp_path / "m.toml").exists()
+
+
+def test_a_sign_that_was_turned_and_need_not_be_is_said(tmp_path):
+    told = command(tmp_path, T, X, Z, options=["--flip-displacement"])
+    assert told.exit_code == 2
+    assert "must be one that rises; leave out --flip-displacement, which has turned its sign" in told.stderr
 
 
 def test_motion_behind_a_long_rest_is_shared_by_both_parts() -> None:

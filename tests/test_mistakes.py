@@ -171,7 +171,7 @@ def test_square_steps_of_a_resonant_stage_are_no_turned_sensor_and_a_turned_one_
     assert found.mistakes == ()
     assert not any("swapped" in text or "flip" in text for text in found.warnings)
     assert series((100 * steps, z, 2000.0)).volts.size == z.size
-    with pytest.raises(truestroke.SettingError, match="falls where volts rises"):
+    with pytest.raises(truestroke.SettingError, match="one that falls as the voltage rises"):
         series((100 * steps, -z, 2000.0))
 
 

@@ -210,6 +210,28 @@ def test_dates_with_dots_and_decimal_commas(tmp_path: Path, stamp: str) -> None:
     assert not any("assumed" in text for text in examine(record).warnings)
 
 
+@pytest.mark.parametrize("between", [" ", ","])
+def test_dates_from_the_year_on_with_strokes(tmp_path: Path, between: str) -> None:
+    """As LabVIEW and Chinese and Japanese instruments write them: 2026/11/30 can be of no other day."""
+    start = datetime(2026, 11, 30, 13, 59, 59, 999000)
+    stamps = [(start + timedelta(microseconds=round(1e6 * t))).strftime(f"%Y/%m/%d{between}%H:%M:%S.%f") for t in T]
+    names = "Date,Time" if between == "," else "Time"
+    rows = "\n".join(f"{stamp},{v:.9f},{z:.9f}" for stamp, v, z in zip(stamps, V, Z, strict=True))
+    (tmp_path / "a.csv").write_text(f"{names},U (V),z (um)\n{rows}")
+    is_the_record(read_record(tmp_path / "a.csv"))
+
+
+def test_brackets_of_wide_keyboards_hold_units(tmp_path: Path) -> None:
+    record = read_record(text(tmp_path / "a.csv", T, 1e3 * V, Z, head="时间（s）,电压（mV）,位移（μm）\n"))  # noqa: RUF001
+    is_the_record(record)
+    assert record.columns["displacement"].stated
+
+
+def test_one_column_is_no_number_with_marks(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"it is one number: put voltage and displacement side by side in one file$"):
+        read_record(text(tmp_path / "a.csv", V + 20.125, head="voltage\n"))
+
+
 def test_dates_of_tables_are_in_seconds(tmp_path: Path) -> None:
     import openpyxl
     import pyarrow
@@ -443,6 +465,11 @@ def test_bad_rows_are_left_out_on_request_only(tmp_path: Path) -> None:
         ("t,V,z\n", {"volts": "U"}, r"no column 'U'; there are column 1 't' \(begins 0, 0.001, 0.002\), column 2 'V' "),
         ("t,V,z\n", {"volts": 0}, r"no column 0; they count from 1"),
         ("t,V,z\n", {"volts": 2, "displacement": 2}, r"column 2 'V' is named twice, for volts and displacement$"),
+        (
+            "x-axis,1,2\nsecond,Volt,Volt\n",
+            {"volts": "2", "displacement": "3"},
+            r"is named twice, for volts and displacement: 2 is its heading, which is taken before a number; give the h",
+        ),
         ("a,V,z\n", {}, r"which column is time\? Name it by `time` or give the `sample_rate`"),
         ("t,V,b\n", {}, r"which column is displacement\? Name it by `displacement`; there are column 1 't'"),
         ("t (s),V (um),b (um)\n", {"volts": 2}, r"volts: column 2 'V' \(um\) is in um"),

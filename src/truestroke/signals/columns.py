@@ -136,7 +136,8 @@ def read_columns(
             raise RecordError(source, f"which column is {w.role}? {remedy}; {_listing(table)}")
     for role, index in found.items():
         if both := " and ".join(other for other, place in found.items() if place == index and other != role):
-            number = "; a heading is looked for before a number" if table.names and table.names[index].isdigit() else ""
+            name = table.names[index] if table.names else ""
+            number = f": {name} is its heading, which is taken before a number; give the headings" * name.isdigit()
             raise RecordError(source, f"{_heading(table, index)} is named twice, for {role} and {both}{number}")
     chosen = {w.role: w for w in wanted if w.role in found}
     columns = {role: _column(source, table, w, found[role], set(found.values())) for role, w in chosen.items()}

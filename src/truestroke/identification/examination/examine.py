@@ -298,7 +298,10 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
         correlation = f"correlation {found.correlation:.2f}"
         says.append(f"voltage and displacement hardly move together ({correlation}): wrong column?")
     elif found.gain_um_per_v < 0 or rings < 0:
-        says.append("the displacement falls as the voltage rises: turn its sign before fitting (`flip_displacement`)")
+        remedy = (
+            "leave out `flip_displacement`" if record.flipped else "turn its sign before fitting (`flip_displacement`)"
+        )
+        says.append(f"the displacement falls as the voltage rises: {remedy} `flip_displacement`")
     return says
 
 

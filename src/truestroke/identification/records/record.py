@@ -86,6 +86,8 @@ class Record(Signals):
         What the caller states against what the file says, a sentence each.
     unused : str
         That the file has time stamps which are not used, in words; else empty.
+    flipped : bool
+        Whether the sign of the displacement is turned.
     """
 
     time: FloatArray
@@ -98,6 +100,7 @@ class Record(Signals):
     dropped: int = 0
     contradictions: tuple[str, ...] = ()
     unused: str = ""
+    flipped: bool = False
 
     @classmethod
     def from_arrays(
@@ -230,7 +233,7 @@ def read_record(
     if "time" in columns and not columns["time"].stated:
         _refuse_far(str(path), float(signals["time"][0]) if signals["time"].size else 0.0)
     record = _checked(str(path), signals, columns, sample_rate, drop_bad_rows, table)
-    return dataclasses.replace(record, contradictions=tuple(contradictions), unused=unused)
+    return dataclasses.replace(record, contradictions=tuple(contradictions), unused=unused, flipped=flip_displacement)
 
 
 def as_record(record: Any) -> Record:

@@ -75,7 +75,7 @@ def series(record: Any) -> Series:
     volts, displacement, rate = _three(record)
     x, z = checks.finite_array("volts", volts, "V"), checks.finite_array("displacement", displacement, "um")
     fs = checks.positive("sample_rate", rate, "Hz")
-    _refuse_useless(x, z)
+    _refuse_useless(x, z, getattr(record, "flipped", False))
     position = _positions(record, fs)
     time, known = np.arange(x.size) / fs, ~clipped(z, x, MOVES * float(np.ptp(x)))
     breaks: list[int] = []
@@ -109,7 +109,7 @@ def _three(record: Any) -> tuple[Any, Any, Any]:
         raise SettingError("record", f"of type {type(record).__name__}", bound) from None
 
 
-def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
+def _refuse_useless(x: FloatArray, z: FloatArray, flipped: bool) -> None:
     if z.size != x.size:
         raise SettingError("displacement", f"array of {z.size} samples", f"as long as volts, {x.size} samples", "um")
     if x.size < FEWEST_ROWS:
@@ -119,8 +119,8 @@ def _refuse_useless(x: FloatArray, z: FloatArray) -> None:
             raise SettingError(name, f"{value[0]:g} throughout", "a record that moves", unit)
     rings = shaken(x, z)
     if rings < 0 or (rings == 0 and (x - x.mean()) @ (z - z.mean()) <= 0):
-        bound = "one that rises; `flip_displacement` turns its sign: give it, or leave it out"
-        raise SettingError("displacement", "falls where volts rises", bound)
+        remedy = "leave out `flip_displacement`, which has turned" if flipped else "`flip_displacement` turns"
+        raise SettingError("displacement", "one that falls as the voltage rises", f"one that rises; {remedy} its sign")
 
 
 def _positions(record: Any, fs: float) -> FloatArray | None:

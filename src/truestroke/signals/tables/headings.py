@@ -33,6 +33,7 @@ _SPELLINGS = {
 _SPELLINGS["um"] += ("micron", "microns", "mikrometer")
 
 
+_WIDE = str.maketrans("\uff08\uff09\uff3b\uff3d\uff0f", "()[]/")  # of Chinese and Japanese keyboards
 _CYRILLIC = str.maketrans("\u043c\u043d\u0441\u0412\u043a", "mnsVk")
 
 
@@ -60,8 +61,10 @@ def name_and_unit(text: str) -> tuple[str, str]:
     --------
     >>> name_and_unit("z (µm)"), name_and_unit("Drive [mV]"), name_and_unit("time_s"), name_and_unit("CH1")
     (('z', 'um'), ('Drive', 'mV'), ('time', 's'), ('CH1', ''))
+    >>> name_and_unit("电压\uff08V\uff09")
+    ('电压', 'V')
     """
-    text = text.strip()
+    text = text.strip().translate(_WIDE)
     if match := re.fullmatch(r"(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]", text):
         return match[1] or match[2], unit(match[2])
     match = re.fullmatch(r"(.+?)\s*([_/, ])\s*([^_/, ]+)", text)

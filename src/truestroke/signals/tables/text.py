@@ -25,7 +25,7 @@ from truestroke.signals.tables.table import PROBE, RecordError, Table
 CHUNK = 1 << 20  # characters of text that are parsed at a time
 COMMENTS = ("#", "%")
 NUMBER_WITH_D = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)[dD][+-]?\d+")
-DATE_AND_TIME = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d|$)")  # of a date alone, 0:00
+DATE_AND_TIME = re.compile(r"\d{4}([-/])\d\d\1\d\d(?:[T ]\d\d:\d\d|$)")  # of a date alone, 0:00
 DOTTED_DATE = re.compile(
     r"(\d\d?)\.(\d\d?)\.(\d{4})(?:[T ]+(\d\d?:\d\d(?::\d\d(?:[.,]\d+)?)?))?"
 )  # 31.12.2026 13:45:00,5
@@ -184,6 +184,10 @@ def _layout(path: Path, encoding: str, lines: Sequence[str], narrowest: int) -> 
         raise RecordError(str(path), "the file is empty: was its program ended before it wrote?")
     _refuse_two_marks(path, lines, 0)
     reason = f"no two rows of numbers with {columns}, in the first {PROBE} lines"
+    rows = list(filter(_is_row, lines))
+    if narrowest > 1 and rows and not math.isnan(_number(rows[-1].strip())):
+        shown += "; it is one number: put voltage and displacement side by side in one file"
+        raise RecordError(str(path), reason + shown)
     marks = next(filter(None, map(formats.thousands, lines)), "")
     shown += marks or formats.unreadable(lines[-1].strip() if lines else "")
     if any(SLASHED_DATE.search(line) for line in lines):
@@ -362,7 +366,7 @@ def _parse_slowly(lines: Sequence[str], layout: _Layout, columns: Sequence[int])
 def _number(field: str) -> float:
     """Of a number, with Fortran's exponent D too; of a date and time, s since 1970 (UTC if not said).
 
-    Dates as in ISO 8601 or as 31.12.2026 13:45:00; of a time of day, s since midnight.
+    Dates as in ISO 8601, also with / in place of -, or as 31.12.2026 13:45:00; of a time of day, s since midnight.
     """
     try:
         return float(field)
@@ -383,7 +387,7 @@ def _is_moment(field: str) -> bool:
 
 def _seconds(stamp: str) -> float:
     try:
-        moment = datetime.fromisoformat(stamp)
+        moment = datetime.fromisoformat(stamp.replace("/", "-"))
     except ValueError:
         return math.nan
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
