@@ -418,6 +418,13 @@ def test_columns_by_name_by_number_and_from_npz_are_one_motion(write, tmp_path):
         np.testing.assert_allclose(move.position, wave.position, atol=1e-12)
 
 
+def test_a_motion_is_headed_in_the_languages_of_a_record(tmp_path) -> None:
+    rows = "".join(f"{k / 1000:.3f};{k * k / 1e4:.4f}\n" for k in range(100)).replace(".", ",")
+    (tmp_path / "move.csv").write_text("Zeit [s];Weg [µm]\n" + rows, encoding="latin-1")
+    move = tr.from_csv(tmp_path / "move.csv", ramp=0.0)
+    assert (move.sample_rate, move.position[-1] - move.position[0]) == (1000.0, pytest.approx(0.9801))
+
+
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [

@@ -26,9 +26,12 @@ from truestroke.signals import shaping
 from truestroke.signals.channels import Sampled
 from truestroke.signals.columns import Wanted, even_rate, read_columns, refuse_bad_rows
 from truestroke.signals.shaping import Motion, Move
-from truestroke.signals.tables import UNITS, RecordError, open_table
+from truestroke.signals.tables import OF_LANGUAGES, UNITS, RecordError, open_table
 
-HEADINGS = {"position": ("z", "desired", "position", "displacement"), "time": ("t", "time")}
+HEADINGS = {
+    "position": ("z", "desired", "position", "displacement", *OF_LANGUAGES["displacement"]),
+    "time": ("t", "time", *OF_LANGUAGES["time"]),
+}
 PART = 2**16  # ticks of a raster that are computed at a time
 BLOCK = 4096  # ticks that are filtered at a time: what they need stays in the cache
 FARTHEST = 1e9  # um of a motion

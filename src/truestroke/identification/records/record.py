@@ -31,29 +31,13 @@ GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost samp
 HEADINGS = {
     "volts": (
         *("volts", "volt", "voltage", "v", "u", "vi", "vin", "v_in", "input", "command", "drive"),
-        *("spannung", "tension", "tensión", "tensione", "tensão", "spanning", "napięcie", "напряжение"),
-        *("电压", "電圧", "전압"),
+        *tables.OF_LANGUAGES["volts"],
     ),
     "displacement": (
-        "measured",
-        "displacement",
-        "disp",
-        "z",
-        "y",
-        "d",
-        "do",
-        "position",
-        "pos",
-        "stroke",
-        "sensor",
-        "output",
-        *("auslenkung", "weg", "déplacement", "desplazamiento", "spostamento", "deslocamento", "verplaatsing"),
-        *("przemieszczenie", "перемещение", "смещение", "位移", "変位", "변위"),
+        *("measured", "displacement", "disp", "z", "y", "d", "do", "position", "pos", "stroke", "sensor", "output"),
+        *tables.OF_LANGUAGES["displacement"],
     ),
-    "time": (
-        *("time", "t", "timestamp", "x_value", "zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
-        *("时间", "時間", "시간"),
-    ),
+    "time": ("time", "t", "timestamp", "x_value", *tables.OF_LANGUAGES["time"]),
 }
 """By which a column is found where it is not named, the best first; of several languages."""
 

@@ -10,6 +10,22 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in V, um and s."""
 
+OF_LANGUAGES: Mapping[str, tuple[str, ...]] = {
+    "volts": (
+        *("spannung", "tension", "tensión", "tensione", "tensão", "spanning", "napięcie", "напряжение"),
+        *("电压", "電圧", "전압"),
+    ),
+    "displacement": (
+        *("auslenkung", "weg", "déplacement", "desplazamiento", "spostamento", "deslocamento", "verplaatsing"),
+        *("przemieszczenie", "перемещение", "смещение", "位移", "変位", "변위"),
+    ),
+    "time": (
+        *("zeit", "temps", "tiempo", "tempo", "tijd", "czas", "время"),
+        *("时间", "時間", "시간"),
+    ),
+}
+"""Words of eleven languages for what is in a column, in lower case."""
+
 OTHERS = (
     *("rad", "mrad", "urad", "nrad", "deg", "°", "arcsec", "arcmin", "pm", "å", "angstrom", "cm", "inch", "mil"),
     *("in", "a"),
