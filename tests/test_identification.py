@@ -1,6 +1,5 @@
 """Weights are recovered from records that independent code made, and from a measured one."""
 
-import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -185,6 +184,9 @@ def test_columns_that_are_kept_are_those_of_a_record_that_was_not_used_before():
 
 
 def test_a_jump_of_a_residual_without_noise_is_found() -> None:
-    step = np.repeat([0.0, 0.3], [2000, 1500])
-    assert jump(step, 80.0) == (pytest.approx(0.3), 2000)
-    assert jump(np.zeros(3500), math.inf) is None
+    step, nothing = (
+        np.repeat([0.0, 0.3], [2000, 1500]),
+        (np.zeros((3500, 0)), np.zeros((0, 0)), np.sin(np.arange(3500) / 25.0), 80.0),
+    )
+    assert jump(step, *nothing) == (pytest.approx(0.3), 2000)
+    assert jump(np.zeros(3500), *nothing) is None

@@ -52,6 +52,30 @@ def _slewed(volts: np.ndarray, most: float) -> np.ndarray:
     return behind
 
 
+def _noisy(noise: float, n: int = 3000) -> tuple[np.ndarray, np.ndarray]:
+    """Voltage and displacement of plays in two sines, V and um, with noise of so much of the stroke."""
+    t = np.arange(n) / 1e3
+    x = 50 - 25 * (np.cos(2 * np.pi * 2.1 * t) + np.cos(2 * np.pi * 5.3 * t))
+    z = 0.1 * x + 0.05 * play_history(x, (10.0, 30.0)).sum(axis=1)
+    return x, z + noise * float(np.ptp(z)) * np.random.Generator(np.random.PCG64(7)).standard_normal(n)
+
+
+def test_a_sensor_that_ends_beneath_much_noise_is_asked_about() -> None:
+    x, z = _noisy(0.01)
+    end = float(z.min()) + 0.85 * float(np.ptp(z))
+    right, ended = (examine(Record.from_arrays(x, moved, sample_rate=1e3)) for moved in (z, np.minimum(z, end)))
+    assert right.implausible == ()
+    assert [text[:55] for text in ended.implausible] == ["the displacement stays at an end of its range, exactly,"]
+
+
+@pytest.mark.parametrize(("rows", "asked"), [(80, True), (6, False)])
+def test_one_hole_that_was_filled_by_a_line_is_asked_about_if_it_is_long(rows: int, asked: bool) -> None:
+    x, z = _noisy(0.005)
+    z[1300 : 1300 + rows] = np.linspace(z[1300], z[1300 + rows], rows)
+    found = examine(Record.from_arrays(x, z, sample_rate=1e3))
+    assert ["at one place, first at 1.3 s: were holes filled" in text for text in found.implausible] == [True] * asked
+
+
 @pytest.mark.parametrize(("share", "asked"), [(0.6, True), (2.0, False)])
 def test_an_amplifier_at_its_slew_rate(share: float, asked: bool) -> None:
     """Two sines of a Bouc-Wen actuator at 0.6 of their largest speed; and by an amplifier that is fast enough."""

@@ -10,6 +10,7 @@ from benchmarks import foreign_records
 from truestroke import trajectories
 from truestroke.identification import Record, examine, identify, load_model, save_model
 from truestroke.identification.fitting.uncertainty import autocorrelation
+from truestroke.identification.held_out.jump import jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence, evidence, verdict
 from truestroke.model.dynamics import Dynamics, Mode
@@ -31,7 +32,8 @@ def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
     taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
     trace = Trace(**taken, source="", breaks=(), predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
     findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
-    found = evidence(trace, (T, error + NOISE), autocorrelation(error + NOISE), findings)
+    jumped = jump(error + NOISE, np.zeros((T.size, 0)), np.zeros((0, 0)), X, T.size / findings.strokes)
+    found = evidence(trace, (T, error + NOISE), autocorrelation(error + NOISE), findings, jumped=jumped)
     rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))
     whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum()), 0.95), findings)
     return found, whole.reasons, whole.level
@@ -56,6 +58,31 @@ def test_a_jump_of_the_zero_beneath_the_noise_is_dated() -> None:
         assert judged(0.03 * (T > 7.0) * np.exp(-(T - 7.0) / seconds))[0].jump_um == 0.0
     assert judged(0.01 * np.sin(2 * np.pi * 0.1 * T))[0].jump_um == 0.0
     assert not any("jump" in reason for reason in judged(0.1 * (T > 7.0) - 0.05)[1])
+
+
+@pytest.mark.parametrize(("seed", "until"), [(0, None), (1, 2.2)], ids=["stays", "goes back"])
+def test_a_jump_that_creep_of_the_fit_takes_is_found(seed: int, until: float | None) -> None:
+    """Of 5 % beneath 2 % of noise: the residual keeps a tenth of it; one that goes back is in no mean behind it."""
+    x = trajectories.random_wave(duration=4.0, sample_rate=RATE, cutoff=4.0, peak_to_peak=4.0, seed=seed).position
+    t, z = np.arange(x.size) / RATE, 7 * x + 5 * play_history(x, (0.3, 1.0)).sum(axis=1)
+    stroke = float(np.ptp(z))
+    z += 0.02 * stroke * np.random.Generator(np.random.PCG64(seed + 5)).standard_normal(x.size)
+    jumped = 0.05 * stroke * ((t >= 1.8) & (t < (until or np.inf)))
+    right, wrong = (identify((x, displacement, RATE), modes=False) for displacement in (z, z + jumped))
+    assert (right.verdict.level, right.evidence.jump_um) == ("good", 0.0)
+    assert wrong.verdict.level == "doubtful"
+    assert any("did the zero of the sensor jump" in reason for reason in wrong.verdict.reasons)
+    assert wrong.evidence.jump_s == pytest.approx(until or 1.8, abs=0.02)
+    assert abs(wrong.evidence.jump_um) == pytest.approx(0.05 * stroke, rel=0.25)
+
+
+def test_a_step_of_the_voltage_and_a_new_end_of_its_range_are_no_jump_of_the_zero() -> None:
+    """There the error of a model changes at once."""
+    rest = np.random.Generator(np.random.PCG64(0)).standard_normal(4000) + 2.0 * (np.arange(4000) >= 1700)
+    wave = np.cos(np.arange(4000) / 30.0)
+    steps, further = wave + 5.0 * (np.arange(4000) >= 1700), wave * np.where(np.arange(4000) >= 1690, 2.0, 1.0)
+    found = [jump(rest, np.zeros((4000, 0)), np.zeros((0, 0)), volts, 100.0) for volts in (wave, steps, further)]
+    assert [one is not None for one in found] == [True, False, False]
 
 
 def test_hum_is_named_by_its_frequency() -> None:

@@ -23,6 +23,7 @@ from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.fitting.select import Tried
 from truestroke.identification.fitting.structure import Fit
 from truestroke.identification.held_out import validation
+from truestroke.identification.held_out.jump import jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence
 from truestroke.identification.records.record import Record, as_record
@@ -187,7 +188,9 @@ def identify(
     white = uncertainty.autocorrelation(residual), uncertainty.effective_samples(residual)
     fit = taken.time[final.rows], residual
     of_zero = final.drift(taken.volts.size)
-    evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows)
+    stroke = residual.size / max(findings.strokes, 1)
+    jumped = jump(residual, final.columns, final.pull, taken.volts[final.rows], stroke)
+    evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows, jumped)
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)

@@ -22,7 +22,7 @@ from truestroke.identification.records.record import Record
 from truestroke.identification.records.series import to_and_fro
 from truestroke.signals.clipping import runs
 from truestroke.signals.columns import Column
-from truestroke.signals.noise import noise, rounding
+from truestroke.signals.noise import converter_step, noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay
@@ -50,6 +50,7 @@ ON_STEP, ON_STEPS = 0.1, 0.99  # of a step: a value on it, but for the digits of
 WHOLE = 100  # different values, all of them whole numbers
 NORMALISED = (0.0, 1.0), (0.0, 100.0), (-1.0, 1.0)  # which no sensor with noise hits at both ends
 OF_ONE = (0.0, 1.0)  # V: the same of a voltage; many go from 0 to 100 V, or from -1 to 1 V
+ABOVE_STEPS = 2.0  # steps of the converter: with more noise a sensor does not keep one value
 LEVEL = 8.0  # times the noise: so wide is a level at which a signal stays
 TO_AND_FRO = 8.0  # deviations of the noise: so far that of many rows goes to and fro
 FLATTER, TURNED = 2.5, 0.025  # times what the level is of the span, and of its span, the other signal goes on meanwhile
@@ -333,6 +334,9 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     quiet = {"displacement": found.noise_um, "voltage": noise(x, record.segments)}
     quietest = quiet["displacement"], quiet["voltage"]
     rows, moved = level(z, x, *quietest)
+    exact = level(z, x, 0.0, quiet["voltage"]) if found.noise_um > ABOVE_STEPS * converter_step(z) else (0, 0.0)
+    if exact[0] > rows:  # beneath much noise: no sensor has one value so often by chance
+        (rows, moved), quiet["displacement"] = exact, 0.0
     ways = (
         ("displacement", "voltage", "um", "V", rows if rows >= CUT * x.size else 0, moved),
         (
@@ -345,8 +349,9 @@ def _of_levels(record: Record, found: Findings) -> Iterator[str]:
     )
     for name, beside, unit, its, cut, moved in ways:
         if cut:
+            width = f"within {LEVEL * quiet[name]:.2g} {unit}" if quiet[name] else "exactly"
             yield (
-                f"the {name} stays at an end of its range, within {LEVEL * quiet[name]:.2g} {unit}, in {cut} rows, "
+                f"the {name} stays at an end of its range, {width}, in {cut} rows, "
                 f"while the {beside} goes on by up to {moved:.3g} {its} and comes back: is it cut off there?"
             )
 

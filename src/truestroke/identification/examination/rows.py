@@ -23,7 +23,8 @@ COPIED, DRAWN_FROM = 1.0, 2.0  # steps of the sensor: with so much noise no bloc
 STRAIGHT = 6  # second differences on one line, at least
 FLOAT = 1e-9  # of the stroke: rounding of floats
 CHANCE = 1e-3  # of a line of so many rows anywhere in the record, by noise alone
-FEWEST_FILLED, DRAWN = 3, 0.45  # such places; and of all rows, where lines join the measured ones
+FEWEST_FILLED, LONG = 3, 2  # such places, or one with so many times the rows
+DRAWN = 0.45  # of all rows, where lines join the measured ones
 JOINT = 0.03  # of the span: both signals move so far from one row to the next
 SUDDEN, BESIDE = 8.0, 3  # times what they do in so many rows on either side
 GOES_ON, CLEAR = 0.2, 4.0  # of the median step, and deviations: so fast the voltage moves before and behind
@@ -132,6 +133,7 @@ def _of_lines(record: Record, step: float) -> Iterator[str]:
     flats = runs(flat & moves)
     inside = (z[flats[:, 0]] > z.min()) & (z[flats[:, 0]] < z.max())  # at the ends of the range it is clipped
     filled = flats[inside & (flats[:, 1] - flats[:, 0] >= least)]
+    longest = int(np.diff(filled, axis=1).max(initial=0))
     drawn = float(flat[moves].mean()) if moves.mean() > DRAWN else 0.0
     each = held(z)
     if drawn > max(DRAWN, 2 * by_chance) and each > 1.0:
@@ -146,11 +148,12 @@ def _of_lines(record: Record, step: float) -> Iterator[str]:
             f"the displacement is on straight lines of {rows} rows each: were rows put "
             "between those that were measured? Record at the rate of the sensor, or leave them out"
         )
-    elif len(filled) >= FEWEST_FILLED:
+    elif len(filled) >= FEWEST_FILLED or longest >= LONG * least:
+        places = "one place" if len(filled) == 1 else f"{len(filled)} places"
+        first = f"first at {record.time[filled[0, 0]] - record.time[0]:.4g} s"
         yield (
-            f"the displacement has noise, but stays or is on a line for {least + 2} rows and more at {len(filled)} "
-            f"places, first at {record.time[filled[0, 0]] - record.time[0]:.4g} s: were holes filled? Leave these rows "
-            "out"
+            f"the displacement has noise, but stays or is on a line for {least + 2} rows and more at {places}, {first}"
+            ": were holes filled? Leave these rows out"
         )
 
 

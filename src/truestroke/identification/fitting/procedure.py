@@ -81,6 +81,8 @@ def fit_samples(
     model, shown = coverage.calibrated(model, compared, fit.structure, fit.weight * rows, fit.strain)
     drift = fit.drift
     fit = dataclasses.replace(fit, model=model, drift=lambda size: drift(size) + zero[:size], inner_loops=shown)
+    if not certain:  # nobody asks for its columns, which are many
+        fit = dataclasses.replace(fit, columns=np.zeros((0, 0)), pull=np.zeros((0, 0)))
     return fit, (*tried, *more), found
 
 

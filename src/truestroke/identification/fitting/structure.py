@@ -1,7 +1,7 @@
 """The weights of a given structure: least squares that are pulled to the prior."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -31,6 +31,8 @@ class Fit:
     strain: FloatArray  # um, what the model gives before dead time, lag and stage, at the full rate
     c: FloatArray  # of `Structure.coefficients`
     inner_loops: InnerLoops | None = None  # as later blocks of the record show them
+    columns: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # of these rows, where it is certain
+    pull: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # rows of the prior on the coefficients
 
     def before(self, data: Data) -> FloatArray:
         """What the model, with creep that was under way, gives before dead time, lag and stage of other rows, um."""
@@ -78,7 +80,8 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray | F
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
     of_record = np.flatnonzero(fitted) * data.every
-    return Fit(model, s, weight, residual, of_record, partial(data.drift, s, c[m:]), strain, c)
+    fit = Fit(model, s, weight, residual, of_record, partial(data.drift, s, c[m:]), strain, c)
+    return replace(fit, columns=J, pull=pull[:, :-1]) if certain else fit
 
 
 def _of_model(P: FloatArray, s: Structure) -> FloatArray:

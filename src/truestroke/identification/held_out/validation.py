@@ -17,7 +17,7 @@ from truestroke.identification.examination.findings import PACE, VISITED, Findin
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
-from truestroke.identification.held_out.jump import jump
+from truestroke.identification.held_out.jump import Jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
 from truestroke.model.dynamics import Dynamics
@@ -141,11 +141,12 @@ def evidence(
     findings: Findings,
     drift: FloatArray | float = 0.0,
     rows: npt.NDArray[np.intp] | None = None,
+    jumped: Jump | None = None,
 ) -> Evidence:
     """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um.
 
-    `drift` is that of the zero by this fit, um; `rows` are those to which the model of the trace was fitted, by default
-    all of its first part.
+    `drift` is that of the zero by this fit, um, `jumped` a jump of its residual; `rows` are those to which the model of
+    the trace was fitted, by default all of its first part.
     """
     times, residual = fit
     fitted, tested = trace.known & ~trace.held_out, trace.judged
@@ -154,7 +155,7 @@ def evidence(
     line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
     off_line = rms(trace.displacement[tested] - np.polyval(line, trace.volts[tested]))
     row = float(np.count_nonzero(trace.known) / trace.sample_rate / residual.size)
-    lags, jumped = autocorrelation[1:], jump(residual, residual.size / max(findings.strokes, 1))
+    lags = autocorrelation[1:]
     most, least = int(np.abs(lags).argmax()), int(lags.argmin())
     return Evidence(
         over_noise=_over(error, findings.noise_um),
