@@ -564,7 +564,7 @@ def test_what_does_not_repeat_is_refused():
     wave = trajectories.random_wave(duration=2.0, sample_rate=FS)
     with pytest.raises(SettingError, match="a random wave: must be a motion that repeats"):
         IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
-    with pytest.raises(SettingError, match="one that rests"):
+    with pytest.raises(SettingError, match="a motion that rests"):
         IterativeLearning(np.ones(100), FS, dynamics=dynamics(900.0), **KNOWN)
     with pytest.raises(SettingError, match="sample_rate = None Hz: must be that of the array"):
         IterativeLearning(np.arange(100.0), dynamics=dynamics(900.0), **KNOWN)
@@ -733,9 +733,9 @@ def test_a_motion_beyond_the_spring_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--frequency", "3000"), "frequency of the motion = 3000.0 Hz: must be at most 2160 Hz, 2.4 times the first"),
-        (("--frequency", "4600"), "frequency of the motion = 4600.0 Hz: must be at most 4500 Hz, 0.45 of the sample"),
-        (("--frequency", "9999"), "frequency of the motion = 9999.0 Hz: must be at most 4500 Hz"),
+        (("--frequency", "3000"), "--frequency = 3000.0 Hz: must be at most 2160 Hz, 2.4 times the first"),
+        (("--frequency", "4600"), "--frequency = 4600.0 Hz: must be at most 4500 Hz, 0.45 of the sample"),
+        (("--frequency", "9999"), "--frequency = 9999.0 Hz: must be at most 4500 Hz"),
         (("--frequency", "4499"), "must be one whose period is a whole number of samples, such as 3333.3333 Hz"),
         (
             ("--peak-to-peak", "31"),
@@ -977,6 +977,19 @@ def test_a_motion_out_of_reach_is_refused_before_anything_moves(
     monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
     with pytest.raises(SettingError, match=r"motion = .* um: must be within -5 to 30 um, which voltage_limits"):
         truestroke.learn(stage, motion, sample_rate=10_000.0, voltage_limits=(-0.6, 3.6), slew=2e4, stroke=35.0)
+
+
+def test_a_motion_whose_voltage_is_all_at_a_limit_is_refused_by_its_place(monkeypatch):
+    """It was an error of the gain, 2e13 um/V. A motion may seem out of reach by a stroke that may be twice as much."""
+    stage = StagePlant()
+    monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
+    wave = trajectories.raster(frequency=50.0, peak_to_peak=15.0, offset=-20.0, duration=1.0, sample_rate=FS)
+    about = {"voltage_limits": LIMITS, "slew": 2e4, "stroke": 35.0, "dynamics": dynamics(700.0, 0.02)}
+    with pytest.raises(
+        SettingError, match=r"^place of the motion = -27.5 to -12.5 um: must be within -5 to 30 um"
+    ) as e:
+        truestroke.learn(stage, wave, **about)
+    assert "(`offset`)" in str(e.value)
 
 
 def test_a_slew_that_is_too_low_by_far_is_refused_before_the_dynamics_are_measured(monkeypatch):
