@@ -287,3 +287,11 @@ def test_a_wrong_type_is_told_in_one_line(mistake, tmp_path, monkeypatch):
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 250 or "did you mean" in str(caught.value)
     assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(3 * 0.3, "0.9"), (0.1 + 0.2, "0.3"), (3000.0, "3000.0"), (1 / 3, "0.333333333333"), (7, "7")]
+)
+def test_a_value_is_shown_without_its_rounding(value: float, shown: str) -> None:
+    """A target of 3 * 0.3 was one of 0.8999999999999999 um."""
+    assert str(truestroke.SettingError("target", value, "less", "um")) == f"target = {shown} um: must be less"

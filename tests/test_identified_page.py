@@ -130,7 +130,7 @@ def test_a_page_of_every_record(samples, scale, gap, options):
     html = model_page(identify(record, **options), record).html()
     root = ElementTree.fromstring(re.sub("^<!DOCTYPE html>", "", html))
     svg = "{http://www.w3.org/2000/svg}"
-    assert [picture.find(f"{svg}title") is not None for picture in root.iter(f"{svg}svg")] == [True] * 6
+    assert [picture.find(f"{svg}title") is not None for picture in root.iter(f"{svg}svg")] == [True] * 8
     ids = [element.get("id") for element in root.iter() if element.get("id")]
     assert len(ids) == len(set(ids))
     assert not re.search(r"\b(nan|inf|None)\b", text(html))

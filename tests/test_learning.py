@@ -15,6 +15,7 @@ from truestroke import Dynamics, IterativeLearning, Mode, SettingError, trajecto
 from truestroke.cli import main
 from truestroke.control.repeating import periodic_hysteresis
 from truestroke.control.repeating.iterative import Learned, repetition
+from truestroke.control.repeating.mean import MeanAnswer
 from truestroke.control.repeating.response_prior import FewNumbers, beside
 from truestroke.control.repeating.steps import finished
 from truestroke.model import prior
@@ -24,6 +25,7 @@ from truestroke.report.learning import page as learning_page
 from truestroke.report.learning import rows as learning_rows
 from truestroke.runtime import learning as learning_module
 from truestroke.runtime.drivers import SimulatedDriver
+from truestroke.runtime.drivers.playback import Recorded
 
 FS, LIMITS = 10_000.0, (-0.6, 3.6)
 GAIN = 30.0 / 3.6  # um/V of the simulated stage
@@ -281,7 +283,8 @@ def test_what_was_learned_of_the_response_is_forgotten_where_only_it_has_changed
     worse, again, *others = (play() for _ in range(8))
     assert worse.undone
     assert worse.rmse > first.rmse
-    assert again.volts == pytest.approx(best.volts, abs=1e-5), "but for the mean"
+    volts, its = again.volts - again.volts.mean(), best.volts - best.volts.mean()
+    assert volts == pytest.approx(its, abs=1e-5), "but for the mean"
     assert not again.undone
     assert min(one.rmse for one in others) < 0.1 * best.rmse
     assert max(one.rmse for one in others) < 1.5 * second.rmse
@@ -401,6 +404,66 @@ def test_the_creep_of_the_mean_is_foreseen(sense, most):
         assert number < 4 or abs(made.error.mean()) < most
 
 
+class FromRest:
+    """A driver whose stage begins each pass at rest, by its own clock, as one that waited."""
+
+    def __init__(self, stage):
+        self.stage = stage
+
+    def open(self):
+        return self.stage.open()
+
+    def playback(self, volts, rate):
+        self.stage.open()
+        return Recorded(volts, self.stage.exchange(volts[0])[None, :], rate)
+
+    def start(self, volts=None): ...
+
+    exchange = stop = close = rescue = start
+
+    def describe(self):
+        return {}
+
+
+@pytest.mark.parametrize("kind", ["plays", "preisach", "bouc-wen"])
+@pytest.mark.parametrize("width", [0.08, 0.18])
+def test_the_mean_is_learned_as_fast_as_the_motion(kind, width):
+    """It answers up to 1.7 times what the motion does: with the gain of the motion a pass left a quarter to a half."""
+    stage = StagePlant(StageSettings(resonances=(900.0,), hysteresis_kind=kind, loop_width=width), seed=1)
+    about = {"voltage_limits": LIMITS, "slew": 20_000.0, "stroke": 35.0, "averaged": 0.1, "settle": 0.2}
+    found = truestroke.learn(FromRest(stage), raster(50.0), dynamics=dynamics(900.0, 0.02), passes=5, **about)
+    mean = [abs(one.error.mean()) for one in found.passes]
+    assert mean[2] < 0.03 * mean[0]
+    assert mean[-1] < 0.0005 * 20.0
+    assert found.passes[-1].rmse < 0.0005 * 20.0
+
+
+@pytest.mark.parametrize(("ratio", "side"), [(1.0, 1.0), (1.3, 1.0), (1.8, 1.0), (1.4, -1.0), (1.0, 0.0)])
+def test_the_mean_hangs_on_the_turn_that_is_further_from_rest(ratio, side):
+    """A loop that becomes higher moves its mean away from rest."""
+    answer = MeanAnswer(20.0)
+    answer.begin(side * 12.0, 10.0, ratio * (side * 12.0 + side * 10.0) - side * 10.0)
+    assert answer.side == side
+    error, height = -3.0 * side - 1.0, 1.0
+    for _ in range(4):
+        mean = answer.change(error, height)
+        made = ratio * (mean + side * height) - side * height
+        answer.see(mean, height, made)
+        error, height = error - made, 0.1 * height
+    assert abs(error) < 0.01
+    assert answer.ratio == pytest.approx(ratio, abs=0.06) or side == 0
+
+
+def test_a_zero_that_jumps_is_no_answer_of_the_mean():
+    answer = MeanAnswer(20.0)
+    answer.begin(12.0, 10.0, 12.0)
+    answer.see(-0.5, 0.0, -0.5)
+    before = answer.ratio
+    answer.see(0.01, 0.0, 2.0)
+    assert answer.ratio == pytest.approx(before, abs=0.05)
+    assert answer.foreseen < 0.1
+
+
 def test_a_missed_pass_changes_nothing():
     learned = IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
     stage = Stage(900.0)
@@ -449,7 +512,7 @@ def test_the_limit_that_holds_is_named_with_its_remedy(limits, words):
     stage = Stage(900.0)
     for _ in range(3):
         made = learned.learn(stage.play(learned.volts)[0])
-    (reason,) = made.verdict.reasons
+    reason = made.verdict.reasons[-1]  # behind that of a pass that was undone
     assert words in reason
     assert "(`offset`), or make it smaller" in reason
 
@@ -501,7 +564,7 @@ def test_what_does_not_repeat_is_refused():
     wave = trajectories.random_wave(duration=2.0, sample_rate=FS)
     with pytest.raises(SettingError, match="a random wave: must be a motion that repeats"):
         IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
-    with pytest.raises(SettingError, match="one that rests"):
+    with pytest.raises(SettingError, match="a motion that rests"):
         IterativeLearning(np.ones(100), FS, dynamics=dynamics(900.0), **KNOWN)
     with pytest.raises(SettingError, match="sample_rate = None Hz: must be that of the array"):
         IterativeLearning(np.arange(100.0), dynamics=dynamics(900.0), **KNOWN)
@@ -670,9 +733,9 @@ def test_a_motion_beyond_the_spring_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--frequency", "3000"), "frequency of the motion = 3000.0 Hz: must be at most 2160 Hz, 2.4 times the first"),
-        (("--frequency", "4600"), "frequency of the motion = 4600.0 Hz: must be at most 4500 Hz, 0.45 of the sample"),
-        (("--frequency", "9999"), "frequency of the motion = 9999.0 Hz: must be at most 4500 Hz"),
+        (("--frequency", "3000"), "--frequency = 3000.0 Hz: must be at most 2160 Hz, 2.4 times the first"),
+        (("--frequency", "4600"), "--frequency = 4600.0 Hz: must be at most 4500 Hz, 0.45 of the sample"),
+        (("--frequency", "9999"), "--frequency = 9999.0 Hz: must be at most 4500 Hz"),
         (("--frequency", "4499"), "must be one whose period is a whole number of samples, such as 3333.3333 Hz"),
         (
             ("--peak-to-peak", "31"),
@@ -847,7 +910,7 @@ def test_the_mean_of_the_first_pass_is_no_zero_of_the_sensor(limits):
     assert found.passes[0].error.mean() > 0.09 * 30.0
     stage.open()
     stage.exchange(np.tile(found.best.volts, 40))
-    assert stage.truth[-found.learning.samples :].mean() == pytest.approx(middle, abs=0.1)
+    assert stage.truth[-found.learning.samples :].mean() == pytest.approx(middle, abs=0.2)  # creep of six passes
     assert found.zero == 0.0
 
 
@@ -914,6 +977,19 @@ def test_a_motion_out_of_reach_is_refused_before_anything_moves(
     monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
     with pytest.raises(SettingError, match=r"motion = .* um: must be within -5 to 30 um, which voltage_limits"):
         truestroke.learn(stage, motion, sample_rate=10_000.0, voltage_limits=(-0.6, 3.6), slew=2e4, stroke=35.0)
+
+
+def test_a_motion_whose_voltage_is_all_at_a_limit_is_refused_by_its_place(monkeypatch):
+    """It was an error of the gain, 2e13 um/V. A motion may seem out of reach by a stroke that may be twice as much."""
+    stage = StagePlant()
+    monkeypatch.setattr(stage, "exchange", lambda volts: pytest.fail("it moved"))
+    wave = trajectories.raster(frequency=50.0, peak_to_peak=15.0, offset=-20.0, duration=1.0, sample_rate=FS)
+    about = {"voltage_limits": LIMITS, "slew": 2e4, "stroke": 35.0, "dynamics": dynamics(700.0, 0.02)}
+    with pytest.raises(
+        SettingError, match=r"^place of the motion = -27.5 to -12.5 um: must be within -5 to 30 um"
+    ) as e:
+        truestroke.learn(stage, wave, **about)
+    assert "(`offset`)" in str(e.value)
 
 
 def test_a_slew_that_is_too_low_by_far_is_refused_before_the_dynamics_are_measured(monkeypatch):

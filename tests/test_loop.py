@@ -8,6 +8,7 @@ import pytest
 import truestroke
 from truestroke import AdaptiveController, Recording, RunInterrupted, SettingError, Timing, run, trajectories
 from truestroke.plant import RealisticPlant
+from truestroke.runtime.agreement import count_latency
 
 PAPER = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
 WAVE = trajectories.random_wave(duration=1.0, velocity_limit=300.0)
@@ -196,7 +197,9 @@ def test_what_does_not_fit_together_is_refused():
         run(trajectories.sine(sample_rate=1000.0), Listener(), Fake())
     with pytest.raises(SettingError, match=r"must be 1000.0 Hz, that of the controller"):
         run(WAVE, AdaptiveController.paper(**PAPER | {"sample_rate": 1000.0}), Fake())
-    with pytest.raises(SettingError, match=r"block - 1 \+ latency = 1029: must be a whole number from 0 to 1023"):
+    with pytest.raises(
+        SettingError, match=r"latency = 1029 ticks: must be at most 1023 ticks, .*: take a smaller block"
+    ):
         run(WAVE, Listener(), Fake(1023, 7))
 
     class Odd(Fake):
@@ -267,3 +270,13 @@ def test_a_recording_that_does_not_fit_the_memory_is_refused_before_anything_mov
         truestroke.SettingError, match=r"trajectory = of 800000 ticks: must be at most 4\.55e\+05: a rec"
     ):
         truestroke.run(wave, controller, RealisticPlant())
+
+
+def test_a_latency_that_no_feedback_is_designed_for_names_the_block():
+    """It was a whole number from 0 to 20, of what the reader had to guess."""
+    known = truestroke.Dynamics(sample_rate=2000.0, modes=(truestroke.Mode(frequency=300.0, damping=0.02),))
+    controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6), dynamics=known)
+    timing = Timing(sample_rate=2000.0, block=50, latency=0)
+    words = r"^block - 1 \+ latency = 49 ticks: must be at most 20 ticks with dynamics, .*: take a smaller block"
+    with pytest.raises(SettingError, match=words):
+        count_latency(controller, timing)

@@ -17,6 +17,7 @@ from docs.site import look
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine, LayoutEngine
 
 from truestroke import report
@@ -166,7 +167,7 @@ def test_the_page_is_well_formed_and_its_ids_are_unique(page: str) -> None:
     for target in re.findall(r'"#([^"]+)"|url\(#([^)]+)\)', marked):
         assert (target[0] or target[1]) in ids
     pictures = root.findall(".//{http://www.w3.org/2000/svg}svg")
-    assert len(pictures) == 8  # two of them twice: their panels are side by side, and on a phone are not
+    assert len(pictures) == 12  # each as a phone shows it, too
     for picture in pictures:
         assert picture[0].tag.endswith("title")
         assert picture[0].text
@@ -269,8 +270,83 @@ def test_on_a_phone_the_columns_of_panels_are_rows() -> None:
     assert 0.3 < places["a"].height * 3 < 1
     assert [axes.get_ylabel() for axes in made.axes] == ["y", "y", "y", "", "", ""]
     assert [axes.get_xlabel() for axes in made.axes] == ["", "", "x", "", "", "x"]
-    one, _ = style.panels(2.0, 2)
+    one, _ = style.panels(2.0, width=style.PHONE)
     assert not style.for_phone(one)
+
+
+def _inside(made: Figure) -> None:
+    """Whether all words of a picture are within it, and no two of its panels meet."""
+    made.draw_without_rendering()
+    boxes = [axes.get_tightbbox() for axes in made.axes if axes.get_visible()]
+    for box in boxes:
+        assert box is not None
+        assert box.x0 >= 0
+        assert box.x1 <= made.bbox.x1 + 1
+        assert box.y0 >= 0
+        assert box.y1 <= made.bbox.y1
+    for above, below in itertools.combinations(boxes, 2):
+        assert above.y0 > below.y1 or below.y0 > above.y1  # type: ignore[union-attr]
+
+
+def test_panels_that_are_too_narrow_for_their_titles_are_one_column_on_a_phone() -> None:
+    """Eight errors in two columns stood at their size, and two thirds of them beside the screen."""
+    with style.use(style.PAGE):
+        made, panels = style.panels(5.0, 4, 2, sharex=True, sharey=True)
+        for panel in panels[:7]:
+            panel.plot([-250.0, 250.0])
+            panel.set_title("adaptive rate-independent inverse, of which there is much to say: 20.1 nm rmse")
+        panels[7].set_visible(False)
+        made.supylabel("error (nm)")
+        panels[-2].set_xlabel("time (s)")
+    assert style.for_phone(made)
+    _inside(made)
+    assert made.get_supylabel() == ""
+    assert [panel.get_ylabel() for panel in panels[:7]] == ["error (nm)"] * 7
+    assert [panel.get_xlabel() for panel in panels[:7]] == [""] * 6 + ["time (s)"]
+    assert all("\n" in panel.get_title(loc="left") and not panel.get_title() for panel in panels[:7])
+
+
+def test_what_has_one_time_stays_together_on_a_phone() -> None:
+    with style.use(style.PAGE):
+        made, panels = style.panels(5.0, 2, 2, sharex="col")
+        panels[0].set_title("the whole of a run that is long")
+        panels[1].set_title("around its largest error")
+        for panel in panels[2:]:
+            panel.set_xlabel("time (s)")
+    assert style.for_phone(made)
+    _inside(made)
+    heights = [panel.get_position().y0 for panel in panels]
+    assert heights[0] > heights[2] > heights[1] > heights[3]
+    assert [panel.get_xlabel() for panel in panels] == ["", "", "time (s)", "time (s)"]
+
+
+def test_panels_of_different_widths_are_one_column_on_a_phone() -> None:
+    with style.use(style.PAGE):
+        made = Figure(figsize=(style.WIDTH, 4.6), layout=style.Places())
+        panels = made.subplot_mosaic("TTT;VRC", height_ratios=[1.1, 1])
+        panels["R"].sharey(panels["V"])
+        panels["V"].set(ylabel="error (nm)")
+        for name in "TVRC":
+            panels[name].set(title=f"{name}: against voltage", xlabel="voltage (V)")
+    assert style.for_phone(made)
+    _inside(made)
+    assert panels["R"].get_ylabel() == "error (nm)"
+
+
+def test_words_and_legends_of_a_picture_stay_within_a_phone() -> None:
+    with style.use(style.PAGE):
+        made, (panel,) = style.panels(3.0)
+        panel.plot([0.0, 1000.0], [0.0, 1.0])
+        panel.annotate("901.2 Hz", (990.0, 0.5), (4, 0), textcoords="offset points", fontsize=8)
+        for words in ("weight and its deviation", "prior and its deviation", "hardly informative"):
+            panel.plot([0.0, 1.0], label=words)
+        style.legend_above(panel)
+    assert style.for_phone(made)
+    _inside(made)
+    (legend,) = made.legends
+    box = legend.get_window_extent()
+    assert box.x1 <= made.bbox.x1
+    assert box.y0 >= panel.get_window_extent().y1
 
 
 def test_labels_of_an_image_that_is_larger_on_a_phone_are_within_the_picture() -> None:
@@ -367,6 +443,7 @@ def test_a_panel_keeps_its_own_labels_on_a_phone() -> None:
         made, (left, right) = style.panels(2.0, 1, 2)
         left.set(xlabel="frequency", ylabel="density")
         right.set(xlabel="error", ylabel="share")
+        left.plot([0.0, 1.0], label="measured")
         made.legend(*left.get_legend_handles_labels(), loc="upper left")
     assert style.for_phone(made)
     made.draw_without_rendering()

@@ -322,7 +322,7 @@ def test_the_table_and_the_page(tmp_path, monkeypatch):
     ):
         assert words in done.stdout
     page = (tmp_path / "many.html").read_text()
-    assert page.count("<svg") == 4  # one of them as a phone shows it, too
+    assert page.count("<svg") == 6  # each as a phone shows it, too
     assert "truestroke robustness --plants 2 --seed 5" in page
     wrong = command("--controllers", "pid")
     assert wrong.exit_code == 2

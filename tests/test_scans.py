@@ -207,7 +207,10 @@ def test_a_motion_and_its_lines_come_back_from_their_files(tmp_path):
     [
         (lambda: made("raster", turn=STAGE, width=-1.0), "width = -1.0 um: must be above 0"),
         (lambda: scans.raster(rate=400.0, turn=STAGE), "rate = 400.0 Hz: must be at most"),
-        (lambda: made("raster", lead_in=0), "lead_in = 0: must be a whole number from 10"),
+        (
+            lambda: made("raster", lead_in=0),
+            "lead_in = 0 rows: must be at least 10 at 40 rows a second, for the 0.25 s of the ramp",
+        ),
         (lambda: made("raster", slow="jumps"), "slow = 'jumps': must be 'steps' or 'ramp'"),
         (lambda: made("raster", turn=0.02, settle=STAGE), "steps take at most 0.25 ms"),
         (lambda: made("spiral", pitch=0.1), "turns = 12: must be left out"),

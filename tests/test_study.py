@@ -544,7 +544,7 @@ def test_the_command_reports(tmp_path, monkeypatch):
     page = (tmp_path / "small.html").read_text()
     code, out, _ = truestroke("small.toml", "--report-only")
     pictures = (tmp_path / "small.html").read_text().count("<svg")
-    assert pictures == page.count("<svg") == 3  # one of them as a phone shows it, too
+    assert pictures == page.count("<svg") == 4  # each as a phone shows it, too
     assert f"Of 40 runs converged: paper in {100 * found['controllers']['paper']['share']:.2f} %" in out
     (tmp_path / "other.toml").write_text(SMALL.replace("0.7", "0.6"))
     code, _, said = truestroke("other.toml", "--output", "small")

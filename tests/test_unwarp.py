@@ -16,6 +16,7 @@ from truestroke.identification import unwarp as unwarp_module
 from truestroke.identification.unwarp import by_direction, mirrored, read_lines, read_scan_record, triggered
 from truestroke.model.branches import Branches
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.report.images import page as images_page
 
 FS, GAIN, ROWS = 2000.0, 30.0 / 3.6, 64
 TEXTURE = scans.Texture(seed=2, grain=0.3)
@@ -251,6 +252,28 @@ def test_one_image_has_no_shift(scan, volts, shown, model):
     assert list(found.images) == ["trace"]
     assert found.verdict.level == "doubtful"
     assert "no retrace, so nothing shows whether the correction is right" in found.verdict.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("flat", "words"),
+    [(("trace", "retrace"), "The trace and the retrace are the same"), (("retrace",), "The retrace is")],
+)
+def test_an_image_that_shows_nothing_is_corrected_and_doubtful(flat, words, folder, scan, volts, shown, model):
+    """Such as the signal of a channel that was not connected: it was refused, with all others of the file."""
+    made = {
+        name: dataclasses.replace(one, data=np.full_like(one.data, 3.0)) if name in flat else one
+        for name, one in shown.items()
+    }
+    found = truestroke.unwarp(made, ScanRecord.of(scan, *volts), model)
+    assert found.after is None
+    assert np.nanmax(np.abs(found.images["retrace"].data - 3.0)) < 1e-9
+    assert found.verdict.level == "doubtful"
+    (reason,) = found.verdict.reasons
+    assert reason.startswith(words)
+    assert reason.endswith("nothing shows whether the correction is right: look at the signal and its `channel`.")
+    assert "<svg" in images_page(found, made, "").html()
+    with pytest.raises(ImageError, match="the same everywhere"):
+        truestroke.unwarp(made, ScanRecord.of(scan, *volts), model, align=True)
 
 
 def mirrored_image(one):

@@ -19,6 +19,7 @@ from truestroke.base.typing import FloatArray
 
 T = TypeVar("T")
 ALIKE = 0.65  # of two names, by difflib: width is no pitch
+LONG = 15  # letters of a number that is shown as it is
 
 
 class SettingError(TruestrokeError, ValueError):
@@ -39,6 +40,8 @@ class SettingError(TruestrokeError, ValueError):
     def __init__(self, argument: str, value: object, bound: str, unit: str = "") -> None:
         self.argument, self.value, self.bound, self.unit = argument, value, bound, unit
         shown = str(value).partition("\n")[0]  # an object may show itself on a screen
+        if isinstance(value, float) and len(shown) > LONG:  # the last digits of 3 * 0.3 are of its rounding
+            shown = f"{value:.12g}"
         super().__init__(f"{argument} = {shown}{' ' + unit if unit else ''}: must be {bound}")
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,8 @@ DEMO_STROKE = 35.0  # um over the whole of these limits
 SECONDS = 8e-6  # of a sample that is simulated
 LONGEST_SIMULATION = 600.0  # s
 LONGEST = 10_000_000  # samples of a repetition
+IN_OPTIONS = {"size of the motion": "peak_to_peak", "frequency of the motion": "frequency"}
+"""Arguments of errors by the options that set them; the place of the motion is of both size and offset."""
 
 
 @click.command()
@@ -74,8 +76,9 @@ def learn(
     driver, limits, rate, given = _driven(config, options)
     if options["offset"] is None:
         options["offset"] = _middle(limits, options["peak_to_peak"])
-    duration = _long(rate, options)
-    expected = _expected(rate, config, options)
+    with checks.inside("", IN_OPTIONS):
+        duration = _long(rate, options)
+        expected = _expected(rate, config, options)
     wave = _wave(motion, rate, duration, options)
     given |= {key: options[key] for key in ("passes", "bandwidth", "settle", "averaged")}
     if options["dynamics"] is not None:
@@ -184,7 +187,7 @@ def _learned(
             click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
 
     try:
-        with _in_options():
+        with checks.inside("", IN_OPTIONS):
             return truestroke.learn(driver, wave, **given, report=report, doing=doing, begins=begins)
     except truestroke.TruestrokeError as error:
         if not best:
@@ -196,17 +199,6 @@ def _learned(
         if best:
             common.complain(_kept(best[-1], target))
         raise
-
-
-@contextmanager
-def _in_options() -> Iterator[None]:
-    """What is said of the size of the motion is said of its option; that of its place is both of size and offset."""
-    try:
-        yield
-    except truestroke.SettingError as error:
-        if error.argument != "motion" or "(`offset`)" in error.bound:
-            raise
-        raise truestroke.SettingError("peak_to_peak", error.value, error.bound, error.unit) from error
 
 
 def _kept(found: Learned, target: Path) -> str:

@@ -660,7 +660,15 @@ def _aligned(given: Mapping[str, Image], places: _Places) -> dict[str, Image]:
 
 
 def _apart(images: Mapping[str, Image]) -> tuple[float, float] | None:
-    return shift(*(filled(images[name]) for name in DIRECTIONS)) if len(images) == 2 else None
+    """Of trace and retrace, pixels; None where one of them is missing or shows nothing."""
+    if len(images) < 2 or _same_everywhere(images):
+        return None
+    return shift(*(filled(images[name]) for name in DIRECTIONS))
+
+
+def _same_everywhere(images: Mapping[str, Image]) -> list[str]:
+    """Names of the images in which nothing is seen."""
+    return [name for name, image in images.items() if not np.ptp(filled(image).data) > 0]
 
 
 def _findings(
@@ -672,7 +680,10 @@ def _findings(
     speed: float,
 ) -> list[tuple[Level, str]]:
     findings: list[tuple[Level, str]] = []
-    if before is None or after is None:
+    if len(images) > 1 and (same := _same_everywhere(images)):
+        words = f"The {' and the '.join(same)} {'are' if len(same) > 1 else 'is'} the same everywhere, so nothing shows"
+        findings.append(("doubtful", f"{words} whether the correction is right: look at the signal and its `channel`."))
+    elif before is None or after is None:
         findings.append(("doubtful", "There is no retrace, so nothing shows whether the correction is right: give it."))
     elif (apart := float(np.hypot(*after))) > APART:
         level: Level = "bad" if apart > FAR else "doubtful"

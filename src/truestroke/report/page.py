@@ -26,7 +26,7 @@ from truestroke.report.charts import Chart
 from truestroke.report.style import Theme
 
 IN_SCRIPT = str.maketrans({"<": "\\u003c", "&": "\\u0026"})  # letters of HTML and XML inside JSON
-NARROW = 0.85  # of the standard width: a picture that is narrower is shown whole on a phone, others are as large there
+NARROW = 0.85  # of the standard width: a picture that is narrower remains so, and on a phone is as wide as that
 IMAGE = re.compile(
     r'<image xlink:href="[^"]*" id="(?P<id>[^"]*)" width="(?P<width>[^"]*)" height="(?P<height>[^"]*)" '
     r'transform="matrix\((?P<matrix>[^)]*)\)"[^>]*/>'

@@ -13,13 +13,14 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.markers import TICKDOWN, TICKLEFT
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import Locator, NullLocator
 from matplotlib.transforms import Bbox, BboxBase
@@ -31,6 +32,7 @@ WIDTH = 7.0  # in, two columns of a journal
 PHONE = 3.3  # in: letters of 8 points are 12 pixels high on a phone
 LEGEND, BAR = 0.25, 0.12  # in: height of a legend of such a picture, width of a scale of colours
 SHARE = 0.8  # of the height, of such a scale
+ENTRY = 0.35  # in, of an entry of such a legend beside its words
 EDGE, GAP = 0.06, 0.08  # in, beside what is outermost in such a picture, and between panels and their labels
 LINE = 1.2  # height of a line of text over that of its letters
 DPI, VECTOR_DPI = 200, 72  # of images; of SVG and PDF
@@ -220,41 +222,106 @@ def panels(
 
 
 def for_phone(figure: Figure) -> bool:
-    """Make a figure with images, or with more columns of panels than rows, as wide as a phone; False for another one.
+    """Make a figure as wide as a phone; False for one without panels, or that is narrow enough.
 
-    Columns become rows where there are more of them. A label that stood once for a row or a column stands there again.
+    Columns become rows where there are more of them, and all panels one column where they are of different widths, or
+    too narrow for their titles. A label that stood once for a row or a column stands there again, and a title has as
+    many lines as it needs.
     """
     panels = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
-    places = panels[0].get_gridspec() if panels else None
-    if places is None or len(panels) != places.nrows * places.ncols:
+    if not panels or figure.get_figwidth() <= PHONE:
         return False
-    was: Any = np.array(panels, dtype=object).reshape(places.nrows, places.ncols)
-    turned = places.ncols > places.nrows
-    if not turned and all(axes.get_aspect() == "auto" for axes in panels):
-        return False
-    across, along = [axes.get_xlabel() for axes in was[-1]], [axes.get_ylabel() for axes in was[:, 0]]
-    grid = was.T if turned else was
-    for j, i in np.ndindex(grid.shape):
-        axes = grid[j, i]
-        lowest = j == len(grid) - 1 or not axes.get_shared_x_axes().joined(axes, grid[-1, i])
-        first = i == 0 or not axes.get_shared_y_axes().joined(axes, grid[j, 0])
-        axes.tick_params(labelbottom=lowest, labelleft=first)
-        axes.set_xlabel((axes.get_xlabel() or across[j if turned else i]) if lowest else "")
-        axes.set_ylabel((axes.get_ylabel() or along[i if turned else j]) if first else "")
-        if axes.get_aspect() != "auto":
-            axes.locator_params(nbins=4)
-    _raise_legend(figure, panels)
+    places = panels[0].get_gridspec()
+    assert places is not None
     usual = figure.get_figheight() / places.nrows
+    grid = _label_again(figure, panels)
+    head = LEGEND * _raise_legend(figure, panels)
     figure.set_layout_engine("none")
+    width = _stand(figure, grid, usual, head)
+    for axes in panels:
+        _break_title(axes, width)
     for _ in range(2):  # how many labels there are depends on the places
-        _stand(figure, grid, usual)
+        _stand(figure, grid, usual, head)
+    _keep_notes(figure, panels)
     return True
 
 
-def _stand(figure: Figure, grid: Any, usual: float) -> None:
+def _label_again(figure: Figure, panels: list[Axes]) -> Any:
+    """The panels in rows and columns as on a phone, each with the labels that it needs there."""
+    places, shown = panels[0].get_gridspec(), [axes for axes in panels if axes.get_visible()]
+    grid: Any = np.array(shown, dtype=object)[:, None]
+    names = {axes: (axes.get_xlabel(), axes.get_ylabel() or figure.get_supylabel()) for axes in shown}
+    if places is not None and len(panels) == places.nrows * places.ncols:
+        was: Any = np.array(panels, dtype=object).reshape(places.nrows, places.ncols)
+        for row, column in np.ndindex(was.shape):
+            x, y = was[row, column].get_xlabel(), was[row, column].get_ylabel()
+            names[was[row, column]] = (
+                x or was[-1, column].get_xlabel(),
+                y or was[row, 0].get_ylabel() or figure.get_supylabel(),
+            )
+        turned = was.T if places.ncols > places.nrows else was
+        if not _too_narrow(turned):
+            grid = turned
+        elif was[0, 0].get_shared_x_axes().joined(*was[[0, -1], 0]) > was[0, 0].get_shared_x_axes().joined(
+            *was[0, [0, -1]]
+        ):
+            grid = was.reshape(-1, 1, order="F")  # what is above each other has one time
+    figure.supylabel("")
+    for row, column in np.ndindex(grid.shape):
+        axes = grid[row, column]
+        lowest = row == len(grid) - 1 or not axes.get_shared_x_axes().joined(axes, grid[row + 1, column])
+        first = column == 0 or not axes.get_shared_y_axes().joined(axes, grid[row, 0])
+        axes.tick_params(labelbottom=lowest, labelleft=first)
+        axes.set_xlabel(names[axes][0] if lowest else "")
+        axes.set_ylabel((names[axes][1] or _shared(axes)) if first else "")
+        if axes.get_aspect() != "auto":
+            axes.locator_params(nbins=4)
+    return grid
+
+
+def _too_narrow(grid: Any) -> bool:
+    """Whether panels side by side, which are no images, are too narrow on a phone for one of their titles."""
+    columns, panels = grid.shape[1], list(grid.flat)
+    if columns == 1 or any(axes.get_aspect() != "auto" for axes in panels):
+        return False
+    titles = (_width(axes.get_title(loc="left"), axes.title) for axes in panels)
+    return max(titles) > SHARE * PHONE / columns or not all(axes.get_visible() for axes in panels)
+
+
+def _shared(axes: Axes) -> str:
+    """What another panel calls the vertical axis that both have."""
+    return next((y for one in axes.get_shared_y_axes().get_siblings(axes) if (y := one.get_ylabel())), "")
+
+
+def _break_title(axes: Axes, width: float) -> None:
+    """The title of a panel, which stands at the left, in lines that are so wide at most, in."""
+    title, lines = axes.get_title(loc="left"), [""]
+    for word in title.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and _width(longer, axes.title) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    for one in axes.get_children():
+        if isinstance(one, Text) and one.get_text() == title:
+            one.set_text("\n".join(lines))
+
+
+def _keep_notes(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Words beside a place that would go beyond the picture go to its other side."""
+    renderer = RendererAgg(1, 1, figure.dpi)  # type: ignore[no-untyped-call]  # measures only
+    for text in (one for axes in panels for one in axes.texts):
+        if text.get_horizontalalignment() == "left" and text.get_window_extent(renderer).x1 > figure.bbox.x1:
+            text.set_horizontalalignment("right")
+            if isinstance(text, Annotation):
+                text.xyann = (-text.xyann[0], text.xyann[1])
+
+
+def _stand(figure: Figure, grid: Any, usual: float, head: float) -> float:
     """Places of the panels of such a figure, by its labels alone: matplotlib's layout looks at all that is there.
 
-    `usual` is the height of a row of panels that are no images, with labels, in.
+    `usual` is the height of a row of panels that are no images, with labels, `head` that above all, in. The width of a
+    panel is returned, in.
     """
     above, below = ([max(map(side, row)) for row in grid] for side in (_above, _below))
     rows, columns = grid.shape
@@ -266,7 +333,7 @@ def _stand(figure: Figure, grid: Any, usual: float) -> None:
     width = (PHONE - left - right - between * (columns - 1)) / columns
     heights = [max(_height(axes, width, usual - under - over) for axes in row)
                for row, under, over in zip(grid, below, above, strict=True)]  # fmt: skip
-    bottom, top = EDGE + below[-1], EDGE + above[0] + LEGEND * len(figure.legends)
+    bottom, top = EDGE + below[-1], EDGE + above[0] + head
     height = bottom + sum(heights) + gap * (rows - 1) + top
     figure.set_size_inches(PHONE, height)
     places = {"left": left / PHONE, "right": 1 - right / PHONE, "bottom": bottom / height, "top": 1 - top / height}
@@ -278,22 +345,37 @@ def _stand(figure: Figure, grid: Any, usual: float) -> None:
     for axes in bars:
         axes.set_box_aspect(None)
         axes.set_position((places["right"] + GAP / PHONE, middle - half, BAR / PHONE, 2 * half))
+    return float(width)
 
 
-def _raise_legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    """A legend above a panel goes to the top of the figure: a narrow panel is too small for its title and a legend."""
+def _raise_legend(figure: Figure, panels: Sequence[Axes]) -> int:
+    """A legend above a panel goes to the top of the figure: a narrow panel is too small for its title and a legend.
+
+    How many lines there are at the top of the figure; a legend has as many as it needs.
+    """
+    found = [(legend, [one for one in legend.legend_handles if one is not None]) for legend in figure.legends]
     for axes in panels:
         legend = axes.get_legend()
         if legend and axes.transAxes.inverted().transform(legend.get_bbox_to_anchor().p0)[1] > 0.9:
-            entries, colour = axes.get_legend_handles_labels(), legend.get_texts()[0].get_color()
-            figure.legend(
-                *entries, ncols=len(entries[0]), frameon=False, fontsize=8, labelcolor=colour, handlelength=1.2
-            )
-            legend.remove()
+            found.append((legend, axes.get_legend_handles_labels()[0]))
             break
-    for legend in figure.legends:
-        legend.set_loc("upper left")
-        legend.set_bbox_to_anchor((0.0, 1.0), figure.transFigure)
+    lines = 0
+    for legend, handles in found:
+        if not handles:
+            continue
+        words, letters = [text.get_text() for text in legend.get_texts()], legend.get_texts()[0]
+        widest = ENTRY + max(_width(one, letters) for one in words)
+        columns = max(1, min(len(words), int((PHONE - 2 * EDGE) / widest)))
+        place: dict[str, Any] = {
+            "loc": "upper left",
+            "bbox_to_anchor": (0.0, 1.0),
+            "bbox_transform": figure.transFigure,
+        }
+        look: dict[str, Any] = {"frameon": False, "fontsize": 8, "labelcolor": letters.get_color(), "handlelength": 1.2}
+        legend.remove()
+        figure.legend(handles, words, ncols=columns, **place, **look)
+        lines += -(-len(words) // columns)
+    return lines
 
 
 def _height(axes: Axes, width: float, usual: float) -> float:

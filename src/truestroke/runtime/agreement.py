@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.control.controller import Controller
@@ -14,6 +13,8 @@ from truestroke.control.repeating.repetition import check_repeats
 from truestroke.control.repeating.repetitive import RepetitiveController
 from truestroke.signals.timing import LONGEST_AGO, Timing
 from truestroke.signals.trajectories import Trajectory
+
+LATEST = 20  # ticks of latency that the design of a feedback may have
 
 
 class Motion(Protocol):
@@ -43,7 +44,7 @@ def check_agreement(trajectory: Motion, controller: Controller, timing: Timing) 
             raise SettingError(
                 "trajectory.sample_rate", trajectory.sample_rate, f"{rate} Hz, that of the {whose}", "Hz"
             )
-    checks.count("block - 1 + latency", timing.block - 1 + timing.latency, 0, LONGEST_AGO)
+    _check_late("block - 1 + latency", timing.block - 1 + timing.latency, LONGEST_AGO)
     if isinstance(controller, RepetitiveController) and isinstance(trajectory, Trajectory):
         check_repeats(trajectory, controller.period)
 
@@ -53,9 +54,17 @@ def count_latency(controller: Any, timing: Timing) -> None:
     settings: Any = getattr(controller, "settings", None)
     late = timing.latency + timing.block - 1
     if sensor := math.floor(getattr(settings, "sensor_delay", 0.0) * timing.sample_rate + 1e-9):
-        checks.count("block - 1 + latency, and the ticks of sensor_delay", late + sensor, 0, LONGEST_AGO)
+        _check_late("block - 1 + latency, and the ticks of sensor_delay", late + sensor, LONGEST_AGO)
     if getattr(settings, "dynamics", None) is not None and settings.latency != late and hasattr(controller, "change"):
-        controller.change(latency=checks.count("block - 1 + latency", late, 0, 20))
+        controller.change(latency=_check_late("block - 1 + latency", late, LATEST, " with dynamics"))
+
+
+def _check_late(what: str, ticks: int, most: int, where: str = "") -> int:
+    """How late a measurement is, ticks; SettingError where that is too late."""
+    if ticks > most:
+        bound = f"at most {most} ticks{where}, so that a measurement is of use: take a smaller block of the driver"
+        raise SettingError(what, ticks, bound, "ticks")
+    return ticks
 
 
 def wanted(trajectory: Trajectory, controller: Any) -> list[FloatArray]:

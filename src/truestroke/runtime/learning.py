@@ -17,6 +17,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.model_file import taken
 from truestroke.control.repeating.iterative import (
+    SIZE,
     IterativeLearning,
     Learned,
     Pass,
@@ -326,7 +327,7 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
     repeats = position[position.size // 2 :] if isinstance(motion, Trajectory) else position  # behind the way from 0 um
     if repeats.size and (length := float(np.ptp(repeats))) > (high - low) * (1 + ROUNDED):
         bound = f"at most the stroke, {high - low:.4g} um over voltage_limits: make it smaller, or correct the stroke"
-        raise SettingError("motion", f"{length:.4g} um from end to end", bound)
+        raise SettingError(SIZE, f"{length:.4g} um from end to end", bound)
     spare = BEYOND * (high - low)
     if position.size and (position.min() < low - spare or position.max() > high + spare):
         bound = (
@@ -335,7 +336,7 @@ def _refuse_reach(motion: Trajectory | npt.ArrayLike, gain: float, limits: Limit
             "(`offset`), or correct the stroke"
         )
         ends = [round(float(end), 9) + 0.0 for end in (position.min(), position.max())]
-        raise SettingError("motion", f"{ends[0]:.4g} to {ends[1]:.4g}", bound, "um")
+        raise SettingError("place of the motion", f"{ends[0]:.4g} to {ends[1]:.4g}", bound, "um")
 
 
 def _refuse_slew(

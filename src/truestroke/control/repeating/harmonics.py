@@ -29,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import ComplexArray, FloatArray
+from truestroke.control.repeating.mean import MeanAnswer
 from truestroke.control.repeating.response_prior import Prior
 from truestroke.control.repeating.steps import Steps, finished
 
@@ -51,7 +52,6 @@ NEIGHBOUR, REACH = 0.2, 64  # hysteresis: so much of the change of a harmonic re
 CARRIED = 4.0  # times the power that noise, which is put out, has at other harmonics
 PROBED = 0.3  # of the step beyond the bandwidth, at least: it shows R
 DOUBTED = 0.5  # variance of R beforehand, at least, once passes have shown that what is known of it is wrong
-CREEPS = 0.8  # of the creep of a pass: that of the next one
 PAIRS = 3  # earlier changes whose effect is known
 LONGEST = 1.5  # times such a change: how far its effect is trusted
 ALIKE = 1e-3  # relative regularisation of changes that are alike
@@ -413,12 +413,12 @@ class PassLaw(HarmonicLaw):
       stage: what was known of R is forgotten, and the way back shows it.
     """
 
-    def __init__(self, *given: Any, beyond: BoolArray, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, desired: ComplexArray, *given: Any, beyond: BoolArray, samples: int, **named: Any) -> None:
+        self._mean = MeanAnswer(samples * float(np.ptp(np.fft.irfft(desired, samples))))
+        super().__init__(desired, *given, samples=samples, **named)
         self._beyond = beyond
         self._asks = False
         self._before: Spectra | None = None  # the pass before the last one
-        self._crept, self._foreseen = 0.0, 0.0  # of the mean, in the last pass and in the next one, times samples, um
 
     def seeing(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> Steps[None]:
         """As of `HarmonicLaw`; the first pass shows some of R by itself."""
@@ -429,24 +429,53 @@ class PassLaw(HarmonicLaw):
             self._shown = np.asarray(np.conj(x) * measured / scatter), np.abs(x) ** 2 / scatter
             yield from self.knowing()
         self._before = self._last
+        self._see_mean(output, measured, noise2)
         yield from super().seeing(output, measured, noise2)
         earlier = [] if self._changed else self._pairs[-PAIRS:]
         self._pairs = [*earlier, (output, self._error, noise2)]
 
+    def knowing(self) -> Steps[None]:
+        """As of `HarmonicLaw`; what is known of R at harmonics of the motion is not that of its mean."""
+        yield from super().knowing()
+        self._know_mean()
+
+    def _know_mean(self) -> None:
+        self.ratio[0], self._information[0] = self._mean.ratio, 1 / self._mean.variance
+
+    def _see_mean(self, output: ComplexArray, measured: ComplexArray, noise2: FloatArray) -> None:
+        mean, height, z = self._strain_mean(output), self._half_height(output), measured[0].real.item()
+        if self._last is None:
+            self._mean.begin(mean, height, z)
+        else:
+            U, Z, another = self._last
+            mean, height, z = mean - self._strain_mean(U), height - self._half_height(U), z - Z[0].real.item()
+            moved = math.sqrt(2 * float(np.sum(np.abs(measured - Z)[1:] ** 2)))
+            self._mean.see(mean, height, z, (noise2 + another)[0].item(), moved)
+        self._know_mean()
+
+    def _strain_mean(self, U: ComplexArray) -> float:
+        """As displacement by the gain, times samples, um."""
+        return float((self.response[0] * U[0]).real)
+
+    def _half_height(self, U: ComplexArray) -> float:
+        """Of the strain, in the same unit."""
+        return self.samples / 2 * float(np.abs(self.response[0]) * np.ptp(np.fft.irfft(U, self.samples)))
+
     def _estimate_error(self, before: Spectra | None, this: Spectra) -> Steps[None]:
-        """As of `HarmonicLaw`, with the creep that the mean will have in the next pass: less than in the last two."""
+        """As of `HarmonicLaw`, with the creep that the mean will have in the next pass."""
         yield from super()._estimate_error(before, this)
-        crept, last = float(self._error[0].real) + self._foreseen, self._crept
-        alike = min(abs(crept), abs(last)) if crept * last > 0 else 0.0
-        self._foreseen, self._crept = CREEPS * math.copysign(alike, crept), 0.0 if before is None else crept
-        self._error[0] += self._foreseen
+        self._error[0] -= self._mean.foreseen
 
     def _change(self, U: ComplexArray, E: ComplexArray, step: FloatArray) -> Steps[ComplexArray]:
         """As of `HarmonicLaw`, with what its likes have moved."""
         R2 = np.maximum(np.abs(self.ratio) ** 2, 1e-300)
         T = np.where(self._moving, step * np.conj(self.ratio) / R2 / self.response, 0.0)
         change = yield from super()._change(U, E, step)
-        return (yield from self._with_moved(change, U, T))[0]
+        change, _ = yield from self._with_moved(change, U, T)
+        assert self._last is not None
+        height = self._half_height(U + change) - self._half_height(self._last[0])
+        change[0] = step[0] * self._mean.change(float(E[0].real), height) / self.response[0]
+        return change
 
     def _judge(self, spread: float, noise: float, E: ComplexArray) -> str:
         asked, step = self._asks, self._step

@@ -102,7 +102,7 @@ def raster(
     ramp = checks.within("ramp", ramp, 0.0, 3600.0, "s")
     early = checks.count("lead_rows", lead_rows, 0, 10**6)
     least = math.ceil((ramp + (LEAD_IN if lead_in is None else 0.0)) * rate) + early
-    lead = least if lead_in is None else checks.count("lead_in", lead_in, least, 10**6)
+    lead = least if lead_in is None else _lead(lead_in, least, rate, ramp, early)
     duration = _lasting((lead + lines) / rate, sample_rate, lead_out)
     usual = {"frequency": rate, "turn": turn, "sample_rate": sample_rate, "ramp": ramp}
     with checks.inside("", {"frequency": "rate"}):
@@ -502,6 +502,16 @@ def _lasting(duration: float, sample_rate: float, lead_out: float = 0.0) -> floa
         bound += "faster, at a lower sample rate, or fewer lines or turns"
         raise SettingError("duration", float(f"{duration:.4g}"), bound, "s")
     return ticks / sample_rate
+
+
+def _lead(lead_in: object, least: int, rate: float, ramp: float, early: int) -> int:
+    """Rows before the image: at least those of the ramp and of what else comes before it."""
+    rows = checks.count("lead_in", lead_in, 0, 10**6)
+    if rows < least:
+        what = f"the {ramp:g} s of the ramp" + (f" and {early} lead_rows" if early else "")
+        bound = f"at least {least} at {rate:g} rows a second, for {what}: give as many, leave it out, or move slower"
+        raise SettingError("lead_in", rows, bound, "rows")
+    return rows
 
 
 def _pair(name: str, value: tuple[float, float]) -> tuple[float, float]:
