@@ -143,7 +143,7 @@ def test_the_sensor_of_another_axis_is_no_stage(other: float) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::truestroke.LimitWarning")
-@pytest.mark.parametrize("known", [{"dynamics": dynamics(0.8)}, {"dynamics": dynamics(2.0)}, {"resonance": 290.0}])
+@pytest.mark.parametrize("known", [{"dynamics": dynamics(0.8)}, {"dynamics": dynamics(2.0)}, {"resonance": 250.0}])
 def test_the_kernel_is_the_numpy_text(known: dict[str, Any]) -> None:
     """Commands, flags and innovations of every tick, with lost samples; the kernel is saved and restored on its way.
 

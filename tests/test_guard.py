@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from benchmarks import changing_motion, fixed_loads
+from benchmarks import changing_motion, fixed_loads, growing_motion
 
 from truestroke import AdaptiveController, ControllerSettings, run, trajectories
 from truestroke.control.baselines import ConstantGain
@@ -235,19 +235,44 @@ def test_an_oscillation_below_where_a_stage_is_looked_for_is_forgotten_where_not
     assert np.isnan(kernel.resonance) == forgotten
 
 
-@pytest.mark.parametrize(
-    ("seed", "number", "f0", "most"),
-    [(0, 174, 54.0, 35.0), (2, 28, 102.0, 5.0)],
-    ids=["nothing kept yet: 376 um before", "something kept: 105 um before"],
-)
-def test_a_burst_at_the_start_is_stopped_and_shows_the_stage(seed, number, f0, most) -> None:
-    """Kernel and text, to the last bit, on stages that moved by several times their stroke before."""
+@pytest.mark.parametrize(("growth", "kept"), [(1.0, 1), (1.4, 1), (2.0, 5)])
+def test_weights_are_good_for_a_motion_that_no_longer_grows(growth, kept) -> None:
+    """Five windows, each of a larger motion, and one as large as the last: in which of them some are kept first."""
+    guard, seen = Guard(GuardSettings(window=100, range_rate=0.0, floor=0.02, burst=5.0)), []
+    for size in [*np.cumprod([2.0, *[growth] * 4]), 2.0 * growth**4]:
+        motion = size * np.sin(2 * np.pi * np.arange(100) / 100)
+        seen += [guard.update(1e-3 * (-1) ** k, z_d, counts=True, noise=1e-4) for k, z_d in enumerate(motion)]
+    assert seen.index(Action.KEEP) // 100 == kept
+
+
+def study_case(seed, number):
     sampled = fast.sample(seed, number, ["unknown"])
-    settings, wave = sampled.controllers["unknown"], sampled.motions["unknown"]
+    return sampled.controllers["unknown"], sampled.motions["unknown"], StagePlant(sampled.plant, sampled.seed)
+
+
+def growing_case(number):
+    case = growing_motion.sampled(number)
+    controller = growing_motion.controller_of(case, "nothing")
+    return controller.settings, growing_motion.wave_of(case), StagePlant(case.stage, seed=number)
+
+
+@pytest.mark.parametrize(
+    ("made", "stopped", "f0", "most"),
+    [
+        (lambda: study_case(0, 174), 0, 54.0, 6.0),
+        (lambda: study_case(2, 28), 0, 102.0, 1.0),
+        (lambda: growing_case(202), 1, 74.0, 8.0),
+        (lambda: growing_case(58), 1, 107.0, 10.0),
+    ],
+    ids=["376 um before", "105 um before", "it bursts", "it bursts in a later window"],
+)
+def test_a_burst_at_the_start_does_not_begin_or_is_stopped_and_shows_the_stage(made, stopped, f0, most) -> None:
+    """Kernel and text, to the last bit, on stages that moved by several times their stroke before."""
+    settings, wave, plant = made()
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
-    plant, largest = StagePlant(sampled.plant, sampled.seed), 0.0
+    largest = 0.0
     plant.open()
-    for k in range(2800):
+    for k in range(min(2800, round(0.5 * settings.sample_rate)) if stopped else 2800):
         motion = wave.position[k], wave.velocity[k]
         volts = kernel.command(*motion)
         assert text.command(*motion) == volts
@@ -256,7 +281,7 @@ def test_a_burst_at_the_start_is_stopped_and_shows_the_stage(seed, number, f0, m
         text.adapt(z)
         largest = max(largest, abs(z - motion[0]))
     np.testing.assert_array_equal(kernel.weights, text.weights)
-    assert kernel.counters.restored == text.counters["restored"] == 1
+    assert kernel.counters.restored == text.counters["restored"] == stopped
     assert kernel.resonance == pytest.approx(f0, rel=0.06)
     assert largest < most
 

@@ -175,7 +175,7 @@ def test_a_line_that_the_command_drives_is_dropped(f0: float) -> None:
 def test_a_mode_below_the_one_that_was_found_is_no_load() -> None:
     """With nothing given the second mode is found first. The ringing of the first was heard: 32 % of the motion."""
     _, rms, _ = foreign_stages.follow(2014, given=False, duration=4.0, first=foreign_stages.First(arranged="front"))
-    assert rms < 2.0
+    assert rms < 2.2
 
 
 def test_what_is_below_the_noise_is_not_stated() -> None:

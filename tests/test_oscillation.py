@@ -12,6 +12,7 @@ import pytest
 from benchmarks.stiff_stages import follow
 
 from truestroke import AdaptiveController, ControllerSettings, SettingError, run
+from truestroke.control.oscillation import OscillationDetector, OscillationSettings
 from truestroke.control.reference import ReferenceController
 from truestroke.control.reference.ringing import decays
 from truestroke.plant import Change, PlantSettings, RealisticPlant, StagePlant, StageSettings
@@ -131,6 +132,19 @@ def test_hum_from_outside_is_no_oscillation_of_the_law(seed) -> None:
     assert controller.counters.oscillating == 0
 
 
+@pytest.mark.parametrize(("growth", "found"), [(1.0, False), (1.15, True)])
+def test_a_load_whose_first_half_wave_is_not_whole_is_no_oscillation_of_the_law(growth, found) -> None:
+    """A first half-wave of a half is of where it begins; the others are as large as each other, or grow."""
+    settings = OscillationSettings(
+        tick=1e-4, corner=0.1, fast=0.6, slow=0.002, motion_rate=0.005, noise_share=2.0, floor=0.02, large=0.6
+    )
+    detector, seen = OscillationDetector(settings), []
+    for k in range(80 * 9):
+        size = 0.15 if k < 80 else 0.28 * growth ** (k // 80)
+        seen.append(detector.update(size * np.sin(np.pi * k / 80), 0.0, 0.001))
+    assert any(seen) == found
+
+
 def test_hum_is_no_failure_of_learning_and_no_ringing_that_decays() -> None:
     """The kept weights would miss it, too. Its half-waves are uneven; before decision 115 a stage of 50 Hz was put into
     the model after 0.94 s."""
@@ -234,7 +248,7 @@ def test_motion_of_a_third_of_a_resonance_that_was_found(kind) -> None:
     for late in (0.0, 1e-9):
         controller = AdaptiveController(**BENCH | {"sample_rate": 5000.0}, slew_limit=1e5, sensor_delay=late)
         recording = run(wave, controller, StagePlant(stage, seed=1))
-        assert controller.resonance == pytest.approx(140.0, rel=0.04)
+        assert controller.resonance == pytest.approx(140.0, rel=0.1 if late else 0.04)
         rms.append(float(np.std((recording["true"] - recording["desired"])[6000:]) / 0.15))
     assert rms[0] < 0.5
     assert rms[0] < rms[1] / 2

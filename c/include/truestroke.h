@@ -371,7 +371,7 @@ typedef struct {
     ts_real best;           /* least error over the range while it learned; rises slowly */
     ts_real failed;         /* error over the range at which learning has failed */
     ts_real drift;          /* um per tick: of the offset while the law does not learn, so that the mean error vanishes */
-    ts_real span;           /* um: range of the motion when weights were kept */
+    ts_real span;           /* um: range of the motion when weights were kept, or, before, in the window before */
     ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
     ts_real promised;       /* error over the range that the weights to be restored had when they were asked last; 0: not asked */
     int ticks;              /* of this window */
@@ -383,6 +383,7 @@ typedef struct {
     int small;              /* windows in a row in which the error was small, its mean included */
     int swings;             /* half-waves of the error in a row, each of them larger than the one before */
     bool kept, at_start, started;
+    bool grown;             /* the motion no longer grew in the window before, until weights were kept */
     bool settled;           /* the error had been small for long when weights were kept, */
     bool lost;              /* and was large since then: others are kept when it has been small for long again */
     ts_spread errors;       /* in this window, where they count, */

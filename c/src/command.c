@@ -67,7 +67,12 @@ bool ts_rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     const ts_real *w = c->w;
     bool moved = false;
     ts_real rate = s->rate_scale * zdot_d, sum = 0;
-    ts_real least = s->law == TS_LAW_KALMAN ? TS_IN_MOTION * s->slope_min : s->slope_min, most = s->slope_max;
+    ts_real least = s->slope_min, most = s->slope_max;
+    if (s->law == TS_LAW_KALMAN) {
+        ts_real of_motion = TS_IN_MOTION * s->slope_min;
+        least = ts_least_slope(c);
+        if (least < of_motion) least = of_motion;
+    }
     for (int i = 0, n = s->plays; i < n; i++) {
         ts_real w_h = *w++;
         if (s->rate_dependent[i]) w_h += rate * *w++;

@@ -17,6 +17,7 @@
 #define TRANSIENT 2             /* after so many windows */
 #define SETTLES 12              /* windows in which the stage may calm down */
 #define LEAST_RANGE 10          /* of the floor: a smaller motion is rest */
+#define WIDENS ((ts_real)1.5)   /* times the range of the window before: a motion that grows, in which no weights are good yet */
 #define RISE ((ts_real)1.02)    /* of the best, per window */
 #define CENTRING ((ts_real)0.5) /* of the mean error, in a window */
 #define LEAST_BURST 20          /* of the floor: a smaller error is no burst */
@@ -161,6 +162,12 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     }
     g->best *= RISE;
     bool moves = g->high - g->low > LEAST_RANGE * s->floor;
+    if (!g->kept && !g->lost) {
+        bool grows = range > WIDENS * g->span;
+        g->span = range;
+        g->grown = moves && !grows;
+        if (grows) return TS_GUARD_NOTHING;
+    }
     if (!moves || error > least || (g->kept && error > g->best)) return TS_GUARD_NOTHING;
     if (g->lost && g->small < (2 * range > g->span ? LONG : LONG_AT_REST)) return TS_GUARD_NOTHING;
     g->best = error;

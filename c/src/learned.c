@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define SLOWER 8                    /* times as slow as the poles of the oscillation: the pole of the first gain */
+#define NO_LESS ((ts_real)0.5)      /* of the first slope: a smaller one is no slope of the actuator, while the motion grows */
 #define SURE 10                     /* of a window: for so long a displacement of the floor is as sure as the first gain */
 #define MOST_GAIN ((ts_real)20)     /* times the first gain, or a share of it */
 #define FALLEN ((ts_real)0.8)       /* of an error that the dynamics leave: learning makes it smaller */
@@ -117,6 +118,12 @@ bool ts_was_good(const ts_controller *c)
     return c->guard.kept || c->guard.lost;
 }
 
+/* Times that of the first weights. */
+static ts_real gain_of(const ts_first_gain *g)
+{
+    return within(g->product / g->square, 1 / MOST_GAIN, MOST_GAIN);
+}
+
 /* Whether measurements have shown the gain of the first weights: until others were good. */
 bool ts_shows_gain(const ts_controller *c)
 {
@@ -124,12 +131,22 @@ bool ts_shows_gain(const ts_controller *c)
     return !ts_was_good(c) && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
 }
 
+/* The least partial slope, um/V; 0: any may be. Until weights were good, in a motion that grows, ringing looks like a slope that is too
+ * small; none is far below the first one, or the gain that was shown. */
+ts_real ts_least_slope(const ts_controller *c)
+{
+    const ts_first_gain *g = &c->kept.watch.gain;
+    if (c->settings->guard.window == 0 || c->guard.grown || ts_was_good(c)) return 0;
+    ts_real gain = ts_shows_gain(c) ? gain_of(g) : 1;
+    return NO_LESS * c->kept.first[0] * (gain < 1 ? gain : 1);
+}
+
 /* The first weights, with the gain that was measured, from the first measurement on. With `gain_only` terms beside the plays stay. */
 void ts_take_first(ts_controller *c, bool gain_only)
 {
     const ts_first_gain *g = &c->kept.watch.gain;
     bool shown = ts_shows_gain(c);
-    ts_real gain = shown ? within(g->product / g->square, 1 / MOST_GAIN, MOST_GAIN) : 1;
+    ts_real gain = shown ? gain_of(g) : 1;
     int changed = gain_only ? c->of_plays : c->parameters;
     memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)changed);
     for (int i = 0; i < c->of_plays; i++) c->w[i] *= gain;

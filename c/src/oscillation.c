@@ -2,6 +2,7 @@
 
 #define COLD ((ts_real)0.2)      /* s: with the first covariance an oscillation grows fivefold in a half-wave */
 #define FASTER ((ts_real)2.5)    /* times as fast as the motion: a slower ringing is its error */
+#define WITHOUT_FIRST 7                  /* half-waves of an oscillation that grows: six without the first, which may not be whole */
 #define TS_LONGEST_GAP 0x100000 /* ticks that count as missed at the most */
 
 static void follow_motion(ts_oscillation *o, ts_real rate, ts_real zdot_d)
@@ -82,7 +83,7 @@ static int grows(const ts_oscillation *o, const ts_oscillation_settings *s)
 {
     const ts_real *A = o->peaks;
     if (!o->found && o->regular >= 3 && A[0] >= (ts_real)1.5 * A[1] && A[1] >= (ts_real)1.5 * A[2] && exceeds(o, 1, (ts_real)1.2, 2, 6)) return 3;
-    bool rises = o->regular >= 6 && A[0] >= (o->found ? 3 : (ts_real)1.8) * A[5];
+    bool rises = o->regular >= (o->found ? 6 : WITHOUT_FIRST) && A[0] >= (o->found ? 3 : (ts_real)1.8) * A[5];
     rises = rises && exceeds(o, 1, (ts_real)1.2, 5, o->regular < 8 ? o->regular : 8) && exceeds(o, 2, (ts_real)1.1, 5, 6);
     for (int i = 0; i < 5; i++) rises = rises && A[i] >= (ts_real)0.75 * A[i + 1];
     if (rises) return 6;

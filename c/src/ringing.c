@@ -3,7 +3,8 @@
 
 #include <string.h>
 
-#define BEYOND 2                  /* times the motion so far: an error for which one half-wave is enough */
+#define BEGUN ((ts_real)0.35)     /* of the motion so far: an oscillation so large, of two half-waves, begins to burst, */
+#define BEYOND 2                  /* and times that one of which a half-wave is enough */
 #define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
 #define NOT_BELOW ((ts_real)0.2)  /* of the known resonance: a slower error is that of the motion */
 #define REST_PERIODS 6            /* of the oscillation: longest pause of adaptation, */
@@ -51,15 +52,15 @@ static void learn_gain(ts_controller *c, ts_real zdot_d)
     c->bumpless += ts_sum_of_plays(c) - before;
 }
 
-/* Before anything was good, an error beyond the motion so far is an oscillation from the second half-wave on, one twice as large from
- * the first. */
+/* Before anything was good, an error of a third of the motion so far is an oscillation from the second half-wave on, one twice as large
+ * from the first. */
 void ts_watch_burst(ts_controller *c, ts_real error)
 {
     const ts_oscillation *o = &c->oscillation;
     const ts_guard *g = &c->guard;
     int n = o->regular > 1 ? 2 : 1;
     bool known = o->found || ts_was_good(c) || g->held > 0 || c->stage.rest > 0 || c->stage.resonance > 0;
-    ts_real least = (n > 1 ? 1 : BEYOND) * ts_guard_range(g, &c->settings->guard), size = size_of(error);
+    ts_real least = (n > 1 ? 1 : BEYOND) * (BEGUN * ts_guard_range(g, &c->settings->guard)), size = size_of(error);
     if (known || o->regular < 1 || !(size > least && size > c->settings->oscillation.large)) return;
     ts_real frequency = ts_oscillation_frequency(o, n);
     if (ts_oscillation_is_fast(o, frequency)) retreat(c, frequency);

@@ -13,6 +13,9 @@ FALLS = 0.7  # of the window before: an error that falls so fast is being learne
 BAD = 3  # windows in a row that are a failure,
 BAD_AT_FIRST = 5  # while nothing is learned yet,
 LARGER = 2  # or of a motion that is so many times as small,
+WIDENS = (
+    1.5  # times the range of the window before: a motion that grows, whose first weights are not good for all of it
+)
 BEYOND_ALL = 2  # and where it is larger than half of the motion
 PROMISES = 0.5  # of the error that fails: weights that miss less than it are worth a trial
 BETTER = 0.7  # of the error that failed: what was restored is better
@@ -22,6 +25,7 @@ HOPELESS = 2  # times the error that failed: what was restored is worse,
 TRANSIENT = 2  # after so many windows
 SETTLES = 12  # windows in which the stage may calm down
 LEAST_RANGE = 10  # of the floor: a smaller motion is rest
+WIDENS = 1.5  # times the range of the window before: a motion that grows, in which no weights are good yet
 RISE = 1.02  # of the best, per window
 CENTRING = 0.5  # of the mean error, in a window
 LEAST_BURST = 20  # of the floor: a smaller error is no burst
@@ -182,7 +186,8 @@ class Guard:
         self.error = self.failed = 0.0  # over the range: of the window before, and at which learning has failed
         self.drift = 0.0  # um per tick: of the offset while the law does not learn, so that the mean error vanishes
         self.best = 0.0  # least error over the range while it learned
-        self.span = 0.0  # um: range of the motion when weights were kept
+        self.span = 0.0  # um: range of the motion when weights were kept, or, before, in the window before
+        self.grown = False  # the motion no longer grew in the window before, until weights were kept
         self.errors, self.missed = Spread(), Spread()  # um: in this window, and of the weights to be restored
         self.promised = 0.0  # error over the range that these had when they were asked last; 0: not asked
         self.ticks = self.bad = self.good = self.held = self.pause = self.small = 0
@@ -351,6 +356,11 @@ class Guard:
             self.wait, self.good = self.wait // 2, 0
         self.best *= RISE
         moves = self.high - self.low > LEAST_RANGE * self.settings.floor
+        if not self.was_good:
+            grows = span > WIDENS * self.span
+            self.span, self.grown = span, moves and not grows
+            if grows:
+                return Action.NOTHING
         if not moves or error > least or (self.kept and error > self.best):
             return Action.NOTHING
         if self.lost and self.small < (LONG if 2 * span > self.span else LONG_AT_REST):

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 FASTER = 2.5  # times as fast as the motion: a slower ringing is its error
+WITHOUT_FIRST = 7  # half-waves of an oscillation that grows: six without the first, which may not be whole
 COLD = 0.2  # s: with the first covariance an oscillation grows fivefold in a half-wave
 LONGEST_GAP = 1 << 20  # ticks that count as missed at the most: TS_LONGEST_GAP of the kernel
 HALF_WAVES = 12  # that are kept: TS_HALF_WAVES of the kernel
@@ -195,7 +196,7 @@ class OscillationDetector:
             return 3
         steady = all(A[i] >= 0.75 * A[i + 1] for i in range(5))
         steady = steady and self._exceeds(1, 1.2, 5, min(n, 8)) and self._exceeds(2, 1.1, 5, 6)
-        if n >= 6 and A[0] >= (3 if self.found else 1.8) * A[5] and steady:
+        if n >= (6 if self.found else WITHOUT_FIRST) and A[0] >= (3 if self.found else 1.8) * A[5] and steady:
             return 6
         return HALF_WAVES if n >= HALF_WAVES and A[0] > self.settings.large and A[0] >= A[-1] else 0
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST
+from truestroke.control.reference.first import least_slope
 from truestroke.control.reference.state import State
 from truestroke.control.reference.terms import of_known_terms, through_dead_zones
 from truestroke.control.stage import FOUND_DAMPING, Stage, lead_of_dead_time
@@ -74,7 +75,7 @@ def wanted_of_plays(c: State, motion: Motion) -> float:
 def rate_dependent_slopes(c: State, zdot_d: float) -> tuple[FloatArray, bool]:
     """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
     low, high = c.settings.slope_limits
-    least = low if c.filtering is None else IN_MOTION * low
+    least = low if c.filtering is None else max(least_slope(c), IN_MOTION * low)
     return limit_slopes(slopes_at(c, zdot_d), (least, high))
 
 

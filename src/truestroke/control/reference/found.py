@@ -10,6 +10,7 @@ from truestroke.control.angles import tangent
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference import candidate
 from truestroke.control.reference.command import keep_command, look_ahead_anew
+from truestroke.control.reference.first import is_identified, shows_gain
 from truestroke.control.reference.hum import power_of_hum
 from truestroke.control.reference.state import HISTORY, Growth, State
 from truestroke.control.resonance import HIGHEST, SHOWN, shown
@@ -114,11 +115,6 @@ def begin_anew(c: State, law: FilteringLaw) -> None:
     """What was learned without the stage is wrong, and so is how sure it is."""
     take_first(c, law)
     law.reset_covariance()
-
-
-def shows_gain(c: State) -> bool:
-    """Whether measurements have shown the gain of the first weights: until others are kept."""
-    return not c.kept.guard.was_good and c.kept.gain.shown and not is_identified(c)
 
 
 def take_first(c: State, law: FilteringLaw, *, gain_only: bool = False) -> None:
@@ -408,16 +404,6 @@ def expected_of_plays(c: State) -> FloatArray | None:
     if not (now * MOST_GAINED > before and now < MOST_GAINED * before):
         return None
     return expected * (now / before)
-
-
-def is_identified(c: State) -> bool:
-    """Whether the law begins with an identified model, whose lag is that of the stage, too.
-
-    Terms beside plays and lag then have weights.
-    """
-    weights = np.array(c.settings.initial_weights)
-    weights[c.settings.columns["lag"]] = 0.0
-    return bool(np.any(weights[c.settings.columns["creep"].start :]))
 
 
 def highest_first(c: State) -> float:

@@ -6,6 +6,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.guard import SWINGS, Action, FirstGain, Guard, Recall
 from truestroke.control.reference.command import keep_command, look_ahead_anew
+from truestroke.control.reference.first import shows_gain
 from truestroke.control.reference.found import (
     DOUBT,
     FIRST_HOLD,
@@ -14,7 +15,6 @@ from truestroke.control.reference.found import (
     forget_stage,
     give_up_stage,
     move_offset,
-    shows_gain,
     stage_is_shown,
     take_first,
 )

@@ -6,19 +6,20 @@ from itertools import pairwise
 
 from truestroke.control.adaptation import FilteringLaw
 from truestroke.control.reference.command import keep_command, rate_dependent_slopes, sum_of_plays
+from truestroke.control.reference.first import shows_gain
 from truestroke.control.reference.found import (
     adopt_resonance,
     adopt_stage,
     begin_anew,
     forget_stage,
-    shows_gain,
     take_first,
 )
 from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, lines_of, size_of_line
 from truestroke.control.reference.state import State
 from truestroke.control.tone import OF_LOAD
 
-BEYOND = 2  # times the motion so far: an error for which one half-wave is enough
+BEGUN = 0.35  # of the motion so far: an oscillation so large, of two half-waves, begins to burst,
+BEYOND = 2  # and times that one of which a half-wave is enough
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
 REST_PERIODS = 6  # of the oscillation: longest pause of adaptation,
@@ -58,14 +59,14 @@ def learn_gain(c: State, law: FilteringLaw, zdot_d: float) -> None:
 
 
 def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
-    """Before anything was good, an error beyond the motion so far is an oscillation from the second half-wave on.
+    """Before anything was good, an error of a third of the motion so far is an oscillation from two half-waves on.
 
     One twice as large is one from the first.
     """
     stage, detector, guard = c.stage, c.stage.detector, c.kept.guard
     known = detector.found or guard.was_good or guard.held > 0 or stage.rest > 0 or stage.resonance > 0
     n = min(detector.regular, 2)
-    least = max((BEYOND if n < 2 else 1) * guard.range, c.oscillation.large)
+    least = max((BEYOND if n < 2 else 1) * (BEGUN * guard.range), c.oscillation.large)
     if known or n < 1 or not abs(error) > least:
         return
     frequency = detector.frequency(n)
