@@ -261,7 +261,7 @@ def growing_case(number):
     [
         (lambda: study_case(0, 174), 0, 54.0, 6.0),
         (lambda: study_case(2, 28), 0, 102.0, 1.0),
-        (lambda: growing_case(202), 1, 74.0, 8.0),
+        (lambda: growing_case(202), 1, 74.0, 10.0),
         (lambda: growing_case(58), 1, 107.0, 10.0),
     ],
     ids=["376 um before", "105 um before", "it bursts", "it bursts in a later window"],

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#define BEGUN ((ts_real)0.35)     /* of the motion so far: an oscillation so large, of two half-waves, begins to burst, */
+#define BEGUN ((ts_real)0.6)      /* of the motion so far: an oscillation so large, of two half-waves, begins to burst, */
 #define BEYOND 2                  /* and times that one of which a half-wave is enough */
 #define LOWER ((ts_real)0.7)      /* factor of the filter's corner where it was not low enough */
 #define NOT_BELOW ((ts_real)0.2)  /* of the known resonance: a slower error is that of the motion */
@@ -52,7 +52,7 @@ static void learn_gain(ts_controller *c, ts_real zdot_d)
     c->bumpless += ts_sum_of_plays(c) - before;
 }
 
-/* Before anything was good, an error of a third of the motion so far is an oscillation from the second half-wave on, one twice as large
+/* Before anything was good, an error of half of the motion so far is an oscillation from the second half-wave on, one twice as large
  * from the first. */
 void ts_watch_burst(ts_controller *c, ts_real error)
 {

@@ -18,7 +18,7 @@ from truestroke.control.reference.hum import LOUD_LINE, begins, is_hum, lines_of
 from truestroke.control.reference.state import State
 from truestroke.control.tone import OF_LOAD
 
-BEGUN = 0.35  # of the motion so far: an oscillation so large, of two half-waves, begins to burst,
+BEGUN = 0.6  # of the motion so far: an oscillation so large, of two half-waves, begins to burst,
 BEYOND = 2  # and times that one of which a half-wave is enough
 LOWER = 0.7  # factor of the filter's corner where it was not low enough
 NOT_BELOW = 0.2  # of the known resonance: a slower error is that of the motion
@@ -59,7 +59,7 @@ def learn_gain(c: State, law: FilteringLaw, zdot_d: float) -> None:
 
 
 def watch_burst(c: State, law: FilteringLaw, error: float) -> None:
-    """Before anything was good, an error of a third of the motion so far is an oscillation from two half-waves on.
+    """Before anything was good, an error of half of the motion so far is an oscillation from two half-waves on.
 
     One twice as large is one from the first.
     """
