@@ -41,7 +41,7 @@ static violation worst_slope(const ts_controller *c, ts_real rate)
     const ts_settings *s = c->settings;
     violation worst = {0, 0};
     const ts_real *w = c->w;
-    ts_real least = ts_least_slope(c), most = s->slope_max, sum = 0, furthest = 0;
+    ts_real least = ts_least_slope(c, rate), most = s->slope_max, sum = 0, furthest = 0;
     if (least < s->slope_min) least = s->slope_min;
     for (int i = 0, n = s->plays; i < n; i++) {
         ts_real w_h = *w++;

@@ -70,7 +70,7 @@ bool ts_rate_dependent_slopes(ts_controller *c, ts_real zdot_d)
     ts_real least = s->slope_min, most = s->slope_max;
     if (s->law == TS_LAW_KALMAN) {
         ts_real of_motion = TS_IN_MOTION * s->slope_min;
-        least = ts_least_slope(c);
+        least = ts_least_slope(c, rate);
         if (least < of_motion) least = of_motion;
     }
     for (int i = 0, n = s->plays; i < n; i++) {

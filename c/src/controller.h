@@ -142,7 +142,7 @@ TS_API void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool
 /* learned.c */
 TS_API bool ts_was_good(const ts_controller *c);
 TS_API bool ts_shows_gain(const ts_controller *c);
-TS_API ts_real ts_least_slope(const ts_controller *c);
+TS_API ts_real ts_least_slope(const ts_controller *c, ts_real rate);
 TS_API void ts_take_first(ts_controller *c, bool gain_only);
 TS_API void ts_keep_start(ts_controller *c);
 TS_API void ts_begin_growth(ts_controller *c, bool first);

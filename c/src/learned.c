@@ -4,7 +4,7 @@
 #include <string.h>
 
 #define SLOWER 8                    /* times as slow as the poles of the oscillation: the pole of the first gain */
-#define NO_LESS ((ts_real)0.5)      /* of the first slope: a smaller one is no slope of the actuator, while the motion grows */
+#define NO_LESS ((ts_real)0.5)      /* of the least first slope: a smaller one is none of the actuator, while the motion grows */
 #define SURE 10                     /* of a window: for so long a displacement of the floor is as sure as the first gain */
 #define MOST_GAIN ((ts_real)20)     /* times the first gain, or a share of it */
 #define FALLEN ((ts_real)0.8)       /* of an error that the dynamics leave: learning makes it smaller */
@@ -131,14 +131,21 @@ bool ts_shows_gain(const ts_controller *c)
     return !ts_was_good(c) && g->ticks > 0 && g->product > 0 && !ts_is_identified(c);
 }
 
-/* The least partial slope, um/V; 0: any may be. Until weights were good, in a motion that grows, ringing looks like a slope that is too
- * small; none is far below the first one, or the gain that was shown. */
-ts_real ts_least_slope(const ts_controller *c)
+/* The least partial slope at a rate, um/V; 0: any may be. Until weights were good, in a motion that grows, ringing looks like a slope that
+ * is too small; none is far below the least of the first weights, with the gain that was shown. */
+ts_real ts_least_slope(const ts_controller *c, ts_real rate)
 {
-    const ts_first_gain *g = &c->kept.watch.gain;
-    if (c->settings->guard.window == 0 || c->guard.grown || ts_was_good(c)) return 0;
-    ts_real gain = ts_shows_gain(c) ? gain_of(g) : 1;
-    return NO_LESS * c->kept.first[0] * (gain < 1 ? gain : 1);
+    const ts_settings *s = c->settings;
+    if (s->guard.window == 0 || c->guard.grown || ts_was_good(c)) return 0;
+    const ts_real *w = c->kept.first;
+    ts_real gain = ts_shows_gain(c) ? gain_of(&c->kept.watch.gain) : 1, least = TS_LARGEST, sum = 0;
+    for (int i = 0; i < s->plays; i++) {
+        ts_real w_h = *w++;
+        if (s->rate_dependent[i]) w_h += rate * *w++;
+        sum += w_h;
+        if (sum < least) least = sum;
+    }
+    return NO_LESS * least * (gain < 1 ? gain : 1);
 }
 
 /* The first weights, with the gain that was measured, from the first measurement on. With `gain_only` terms beside the plays stay. */

@@ -399,7 +399,7 @@ def with_inertia(c: State, law: FilteringLaw, u: FloatArray, y: float, *, learn:
 def project_slope(c: State, law: FilteringLaw, zdot_d: float) -> None:
     """Move the weights so that the partial slope that is furthest outside its limits is on its limit."""
     slopes, (low, high) = slopes_at(c, zdot_d), c.settings.slope_limits
-    over, under = slopes - high, max(least_slope(c), low) - slopes
+    over, under = slopes - high, max(least_slope(c, zdot_d), low) - slopes
     worst = int(np.argmax(np.maximum(over, under)))
     missing = -over[worst] if over[worst] > under[worst] else under[worst]
     if over[worst] > 0 or under[worst] > 0:

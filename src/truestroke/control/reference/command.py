@@ -75,7 +75,7 @@ def wanted_of_plays(c: State, motion: Motion) -> float:
 def rate_dependent_slopes(c: State, zdot_d: float) -> tuple[FloatArray, bool]:
     """(7) in the scale of (20), w_h = a + c_b zdot_d b, summed up; within limits, and whether one was moved."""
     low, high = c.settings.slope_limits
-    least = low if c.filtering is None else max(least_slope(c), IN_MOTION * low)
+    least = low if c.filtering is None else max(least_slope(c, zdot_d), IN_MOTION * low)
     return limit_slopes(slopes_at(c, zdot_d), (least, high))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from truestroke.control.reference.state import State
 
-NO_LESS = 0.5  # of the first slope: a smaller one is no slope of the actuator, while the motion grows
+NO_LESS = 0.5  # of the least first slope: a smaller one is none of the actuator, while the motion grows
 
 
 def is_identified(c: State) -> bool:
@@ -22,14 +22,16 @@ def shows_gain(c: State) -> bool:
     return not c.kept.guard.was_good and c.kept.gain.shown and not is_identified(c)
 
 
-def least_slope(c: State) -> float:
-    """The least partial slope, um/V; 0: any may be.
+def least_slope(c: State, zdot_d: float) -> float:
+    """The least partial slope at this rate, um/V; 0: any may be.
 
     Until weights were good, in a motion that grows, ringing looks like a slope that is too small. None is far below the
-    first one, or the gain that was shown.
+    least of the first weights, with the gain that was shown.
     """
     guard = c.kept.guard
     if guard.settings.window == 0 or guard.grown or guard.was_good:
         return 0.0
     gain = c.kept.gain.ratio if shows_gain(c) else 1.0
-    return float(NO_LESS * c.kept.first[0] * min(gain, 1.0))
+    a, b = c.settings.of_all_plays(c.kept.first)
+    least = (a + c.settings.rate_scale * zdot_d * b).cumsum().min()
+    return float(NO_LESS * least * min(gain, 1.0))
