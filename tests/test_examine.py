@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import os
@@ -234,7 +235,10 @@ def test_what_it_cannot_identify_is_said() -> None:
 
 def test_further_suspicions() -> None:
     t, x, z = actuator(several)
-    assert says(found(t, x, -z), "turn its sign")
+    falls = "the displacement falls as the voltage rises: "
+    assert falls + "turn its sign before fitting (`flip_displacement`)" in found(t, x, -z).warnings
+    turned = dataclasses.replace(Record.from_arrays(x, -z, time=t), flipped=True)
+    assert falls + "leave out `flip_displacement`" in examine(turned).warnings
     assert says(found(t, x, np.random.Generator(np.random.PCG64(4)).normal(0.0, 5.0, t.size)), "wrong column?")
     assert says(found(t, x, 10 * x), "hardly a loop")
     assert says(found(t[::60], x[::60], z[::60]), "samples on average")

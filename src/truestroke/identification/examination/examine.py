@@ -301,7 +301,7 @@ def _of_columns(found: Findings, record: Record) -> list[str]:
         remedy = (
             "leave out `flip_displacement`" if record.flipped else "turn its sign before fitting (`flip_displacement`)"
         )
-        says.append(f"the displacement falls as the voltage rises: {remedy} `flip_displacement`")
+        says.append(f"the displacement falls as the voltage rises: {remedy}")
     return says
 
 
