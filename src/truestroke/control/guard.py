@@ -13,9 +13,6 @@ FALLS = 0.7  # of the window before: an error that falls so fast is being learne
 BAD = 3  # windows in a row that are a failure,
 BAD_AT_FIRST = 5  # while nothing is learned yet,
 LARGER = 2  # or of a motion that is so many times as small,
-WIDENS = (
-    1.5  # times the range of the window before: a motion that grows, whose first weights are not good for all of it
-)
 BEYOND_ALL = 2  # and where it is larger than half of the motion
 PROMISES = 0.5  # of the error that fails: weights that miss less than it are worth a trial
 BETTER = 0.7  # of the error that failed: what was restored is better
@@ -126,7 +123,8 @@ class Guard:
     the measure. What the learned weights predict is not compared: a law that bursts predicts its own burst well.
 
     - *Kept* are weights and covariance of the window with the least error over the range; that least error rises by 2 %
-      a window, so that they are not old.
+      a window, so that they are not old. The first are kept in a window whose motion is no larger than 1.5 times that
+      of the window before: what follows the beginning of a motion need not follow all of it.
     - *Learning has failed* after three windows in which the error is above 2 % of the range, four times the least, six
       times the noise; one in which it falls by 30 %, as it does where a change is being learned, is not counted. Five
       it takes while nothing was good yet, or of a motion half as large; two where it is larger than half of the range.

@@ -47,7 +47,8 @@ class OscillationDetector:
     error passes a band: one pole against noise, two against the error of the motion. Half-waves are of about one length
     where one takes at most one and a half times the time of the other. An oscillation grows where
 
-    - of six half-waves in a row the last peak is 1.8 times the first one, and none is below 3/4 of the one before it;
+    - of six half-waves in a row, and one before them, the last peak is 1.8 times the first one of the six, and none is
+      below 3/4 of the one before it;
     - or, below a third of the corner, where there is no time for six: three peaks grow by 1.5 each, or the half-wave
       that goes on is already far larger than two before it, or, in the first 0.2 s, than one, and no jump; while
       nothing was `learned`, that is so above a third of the corner, too, but for the single one;
