@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from truestroke import SettingError
+from truestroke import DynamicsError, SettingError, StudyError
 from truestroke.cli import main
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.studies import robustness
 from truestroke.studies.engine import Row, Store
 from truestroke.studies.robustness import fast
 from truestroke.studies.robustness.fast import page
-from truestroke.studies.robustness.fast.sample import DURATION, LEAST_SLOPE, MOTIONS, RAMP, measured
+from truestroke.studies.robustness.fast.sample import DURATION, DYNAMICS, LEAST_SLOPE, MOTIONS, RAMP, measured
 from truestroke.studies.robustness.fast.table import counts, held, straight_line
 
 SEED = 7  # of the small study; neither half of it was used for tuning
@@ -210,3 +210,44 @@ def test_the_tables_have_a_row_for_each_line():
     assert page.table(rows)[1][0][:4] == ["dynamics unknown, to f0/3", "2", "0.35 / 0.575 / 0.6", "0.15 / 0.5 / 1"]
     assert page.compared(rows)[1][0][-1] == "1"
     assert robustness.numbers(5, "unseen") == range(1, 5, 2)
+
+
+@pytest.mark.parametrize(
+    ("seed", "number"),
+    [
+        (31415, 75),  # 53 Hz at 20 kHz: 274 of 15,993 lines were seen, fewer than a fiftieth, and it was refused
+        (555, 145),  # damping 0.06 behind an amplifier of 598 Hz: the peak is twice the static response, its phase
+        (
+            555,
+            27,
+        ),  # is a quarter turn at three quarters of f0: refused, or a first resonance of 1524 in place of 1626 Hz
+    ],
+)
+def test_a_stage_whose_peak_is_low_or_hardly_seen_is_measured(seed, number):
+    stage = fast.sample(seed, number, ["unknown"]).plant
+    mode = measured(stage, number).modes[0]
+    assert mode.frequency == pytest.approx(stage.resonances[0], rel=2e-3)
+    assert mode.damping == pytest.approx(stage.dampings[0], rel=0.1)
+
+
+def test_a_stage_that_is_refused_is_a_row_and_a_sentence(monkeypatch):
+    """A study of hundreds is not lost by one measurement; where each is refused that is an error."""
+
+    def refuse_odd(stage, seed):
+        if seed % 2:
+            raise DynamicsError(f"no resonance of stage {seed}")
+        return stage.dynamics()
+
+    monkeypatch.setitem(DYNAMICS, "measured", refuse_odd)
+    study = fast.FastRobustness(seed=SEED, numbers=range(2, 5), controllers=("measured",))
+    rows = robustness.run(study, 1, with_refused=True)
+    assert [row.error for row in rows] == ["", "no resonance of stage 3", ""]
+    assert fast.sentences(rows)[0] == "1 of 3 stages were refused, the first is run 3: no resonance of stage 3."
+    assert fast.judge(rows).level == "bad"  # a fifth or more
+    assert sum(one.runs for one in fast.results(rows)) == 2
+    assert sorted(row.number for row, _ in page.worst_first(rows)) == [2, 4]
+    alone = fast.FastRobustness(seed=SEED, numbers=range(3, 4), controllers=("measured",))
+    with pytest.raises(StudyError, match=r"^run 3: no resonance of stage 3$"):
+        robustness.run(study, 1)
+    with pytest.raises(DynamicsError, match=r"^no resonance of stage 3$"):
+        robustness.run(alone, 1, with_refused=True)

@@ -100,7 +100,7 @@ def _fast(
     study = fast.FastRobustness(seed=seed, numbers=numbers, controllers=controllers)
     try:
         with common.progress("simulating") as tell:
-            rows = studies.run(study, workers, tell, file=store_file)
+            rows = studies.run(study, workers, tell, file=store_file, with_refused=True)
     except KeyboardInterrupt:
         click.echo(f"{store_file} keeps what is done; the same command continues.", err=True)
         raise
@@ -113,7 +113,7 @@ def _fast(
         made = page.page(rows, (row, controller), recording, common.to_repeat())
         paths = common.save_page(made, page_file, plots)
     if as_json:
-        runs = [{"number": row.number, **row.sampled, **row.metrics} for row in rows]
+        runs = [{"number": row.number, **row.sampled, **row.metrics, "error": row.error} for row in rows]
         found = {"table": [vars(line) for line in fast.results(rows)], "runs": runs}
         common.print_json(
             {**verdict.as_dict(), **found, "store": str(store_file), "page": str(page_file), "pictures": paths}

@@ -25,7 +25,9 @@ MISFIT = 0.05  # relative: of the model against the measurement, beyond its scat
 WRONG = 0.2  # relative: a misfit around the first resonance that makes the model useless
 LINES = 3000  # that are fitted, at most, beside those near the peak
 PROMINENT = 3.0  # a resonance, over the response of the lowest lines
+LIFTED = 1.4  # and over the least response below it
 STILL = 20  # lines: the lowest
+LOWEST = 60  # lines: where any stage follows
 RISE = 1.4  # relative: from where a resonance is prominent to its peak, at most
 NEAR = 0.1  # relative: about a peak all lines are fitted
 LOW = 0.05  # of the first resonance: below it nothing is judged
@@ -207,8 +209,7 @@ def _sensor(frequency: FloatArray, delay: float, bandwidth: float) -> ComplexArr
 def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
     """Frequency of the first resonance, Hz: of the first peak that is prominent, or where the phase turns by 90 deg."""
     f, seen = spectra.frequency, local.coherence > SEEN_AT_ALL
-    if seen.sum() < 0.02 * f.size or np.median(local.coherence[:60]) < SEEN_AT_ALL:
-        level = float(np.median(local.coherence[: max(60, int(0.02 * f.size))]))
+    if (level := float(np.median(local.coherence[:LOWEST]))) < SEEN_AT_ALL:
         raise DynamicsError(
             f"the displacement hardly follows the excitation: coherence {level:.2f} from {figures(f[0])} Hz on; "
             f"{louder}, or look at cables and channels"
@@ -216,6 +217,10 @@ def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
     magnitude = np.where(seen, smoothed(np.abs(local.response), 1), 0.0)
     # A second mode with little damping may be higher; that the first is prominent is seen beside it, too.
     prominent = smoothed(magnitude, 2) > PROMINENT * np.median(magnitude[:STILL])
+    if not prominent[STILL:].any():  # an amplifier that lags lowers the peak of a damped mode
+        smooth = smoothed(magnitude, STILL)
+        prominent = smooth > LIFTED * np.minimum.accumulate(smooth)
+        prominent &= np.logical_and.accumulate(smoothed(local.coherence, STILL) > COHERENT)
     if prominent[STILL:].any():
         begin = STILL + int(np.argmax(prominent[STILL:]))
         magnitude[np.searchsorted(f, RISE * f[begin]) :] = 0.0
@@ -239,7 +244,8 @@ def _delay(spectra: Spectra, local: LocalResponse, peak: float) -> float:
 def _chosen(spectra: Spectra, local: LocalResponse, peak: float) -> Spectra:
     """The lines that are fitted: where the response is seen at all, thinned out away from the peak."""
     f = spectra.frequency
-    end = max(int(np.flatnonzero(local.coherence > SEEN_AT_ALL)[-1]), int(np.searchsorted(f, 1.5 * peak))) + 1
+    beside = np.convolve(local.coherence > SEEN_AT_ALL, np.ones(2 * STILL + 1), "same")  # one alone may be by chance
+    end = max(int(np.flatnonzero(beside > STILL).max(initial=0)), int(np.searchsorted(f, 1.5 * peak))) + 1
     kept = np.zeros(f.size, dtype=bool)
     kept[: end : max(1, math.ceil(end / LINES))] = True
     kept[:end] |= np.abs(f[:end] / peak - 1) < NEAR

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from truestroke.base import checks, interrupts, system
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import TruestrokeError
 from truestroke.studies.engine.rows import Batch, Run, Study, StudyError, simulate
 from truestroke.studies.engine.store import Store
 
@@ -240,17 +241,17 @@ def _ticks(study: Study, numbers: Sequence[int]) -> int:
     """Of a run with all its controllers, as the first that can be sampled has them; 1 where none can."""
     try:
         run = first(study, numbers)
-    except ValueError:
+    except (ValueError, TruestrokeError):
         return 1
     return len(run.trajectory) * len(run.controllers)
 
 
 def first(study: Study, numbers: Sequence[int]) -> Run:
     """The first of these runs that can be sampled, of the first `TRIES`; the error of the very first if none can."""
-    errors: list[ValueError] = []
+    errors: list[Exception] = []
     for number in numbers[:TRIES]:
         try:
             return study.sample(number)
-        except ValueError as error:
+        except (ValueError, TruestrokeError) as error:
             errors.append(error)
     raise errors[0]

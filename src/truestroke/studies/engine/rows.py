@@ -138,7 +138,7 @@ def versions() -> dict[str, str]:
 def simulate(study: Study, numbers: Iterable[int]) -> Batch:
     """Sample and run these, one after the other on one core.
 
-    A sample that is out of bounds, or whose simulation finds it so, is a row with the error.
+    A sample that is out of bounds, that is refused, or whose simulation finds it so, is a row with the error.
 
     Raises
     ------
@@ -151,9 +151,9 @@ def simulate(study: Study, numbers: Iterable[int]) -> Batch:
     for number in numbers:
         try:
             row, spent, ran = _simulate(study, number)
-        except (ValueError, ArithmeticError, SimulationError) as error:
+        except (ValueError, ArithmeticError, TruestrokeError) as error:
             why = error.__cause__ or error
-            if not isinstance(why, (ValueError, ArithmeticError)):  # no fault of the sample
+            if isinstance(error, SimulationError) and not isinstance(why, (ValueError, ArithmeticError)):
                 raise StudyError(f"run {number} of the study: {type(why).__name__}: {why}") from error
             row, spent, ran = Row(number, {}, {}, " ".join(str(why).split())), {}, 0
         rows.append(row)

@@ -153,6 +153,7 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     file: str | Path = ":memory:",
+    with_refused: bool = False,
 ) -> list[Row]:
     """Simulate the runs of the study that `file` does not have.
 
@@ -166,6 +167,8 @@ def run(
         Called as progress(runs done, all runs).
     file : path
         The store that rows are kept in as they come, SQLite; by default nothing is kept on the disk.
+    with_refused : bool
+        Whether samples that were refused are rows with their error; else the first is an exception.
 
     Returns
     -------
@@ -175,17 +178,18 @@ def run(
     Raises
     ------
     StudyError
-        A simulation failed.
+        A simulation failed; or a sample was refused: each of them, or any if not `with_refused`.
     """
     engine.first(study, study.numbers)  # wrong settings are reported at once
     with Store(file, study) as store:
         engine.run(study, store, threads(workers), progress)
         end = max(study.numbers) + 1
         asked = set(study.numbers)
-        for row in store.failed(end):
-            if row.number in asked:
-                raise StudyError(f"run {row.number}: {row.error}")
-        return [row for row in store.rows(end) if row.number in asked]
+        refused = [row for row in store.failed(end) if row.number in asked]
+        if refused and not (with_refused and len(refused) < len(asked)):
+            raise StudyError(f"run {refused[0].number}: {refused[0].error}")
+        done = [row for row in store.rows(end) if row.number in asked]
+        return sorted([*done, *refused], key=lambda row: row.number)
 
 
 def record(

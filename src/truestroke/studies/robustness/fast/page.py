@@ -111,7 +111,7 @@ def page(rows: Sequence[Row], worst: tuple[Row, str], recording: Recording, comm
         sections=[Section(tables=[found, baselines_beside, largest]), *captioned(CAPTIONS)],
         plots=lambda theme: {
             "distribution": distribution(rows, theme),
-            "baselines": baselines(rows, theme),
+            "baselines": baselines([row for row in rows if not row.error], theme),
             "worst": trace(*worst, recording, theme),
         },
         command=command,

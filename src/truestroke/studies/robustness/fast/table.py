@@ -287,7 +287,7 @@ def failed(found: Mapping[str, float]) -> bool:
 
 def given_to(rows: Sequence[Row]) -> str:
     """Which dynamics the controllers of a study were given."""
-    return "known" if "known" in rows[0].metrics else "measured"
+    return "known" if any("known" in row.metrics for row in rows) else "measured"
 
 
 def results(rows: Sequence[Row]) -> list[Result]:
@@ -302,9 +302,19 @@ def results(rows: Sequence[Row]) -> list[Result]:
     return table
 
 
+def refused_of(rows: Sequence[Row]) -> list[Row]:
+    """Those whose stage was refused: its dynamics could not be measured."""
+    return [row for row in rows if row.error]
+
+
 def sentences(rows: Sequence[Row]) -> list[str]:
-    """What failed, and which goals are missed, in words."""
-    text = []
+    """What was refused or failed, and which goals are missed, in words."""
+    text, refused = [], refused_of(rows)
+    if refused:
+        text.append(
+            f"{len(refused)} of {len(rows)} stages were refused, the first is run {refused[0].number}: "
+            f"{refused[0].error}."
+        )
     for one in results(rows):
         if one.failed:
             some = ", ".join(map(str, one.failed[:8])) + ", ..." * (len(one.failed) > 8)
@@ -317,8 +327,9 @@ def sentences(rows: Sequence[Row]) -> list[str]:
 
 
 def judge(rows: Sequence[Row]) -> Verdict:
-    """Bad where `MANY` of the runs failed, doubtful where one did, or a goal is missed."""
-    ran = sum(one.runs for one in results(rows))
-    wrong = sum(len(one.failed) for one in results(rows))
+    """Bad where `MANY` of the runs failed or were refused, doubtful where one was, or a goal is missed."""
+    refused = len(refused_of(rows))
+    ran = sum(one.runs for one in results(rows)) + refused
+    wrong = sum(len(one.failed) for one in results(rows)) + refused
     level: Level = "bad" if wrong >= MANY * ran else "doubtful"
     return Verdict.of([(level, text) for text in sentences(rows)])
