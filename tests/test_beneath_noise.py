@@ -1,13 +1,14 @@
 """Mistakes that noise of 2 % of the stroke hid: a clipped voltage, rows that both channels lost, AC coupling."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
 from truestroke.base.typing import FloatArray
-from truestroke.identification import Record, examine
+from truestroke.identification import Record, examine, read_record
 from truestroke.identification.fitting.regression import plays
 
 RATE = 1000.0
@@ -71,3 +72,17 @@ def test_rows_that_both_channels_lost_are_asked_about(motion: Callable[[], Float
 def test_an_ac_coupled_sensor_is_asked_about() -> None:
     x = tones()
     assert COUPLED in asked(x, lfilter(*butter(1, 0.5 / RATE, "high"), moved(x)))
+
+
+def test_noise_makes_no_turn_late(tmp_path: Path) -> None:
+    """At 5 Hz the turns of slow sines seemed to be 0.24 s late: are the stamps in ms?"""
+    x = 50 - 50 * np.cos(2 * np.pi * T * 4) ** 3
+    z = moved(x)
+    z += 0.02 * np.ptp(z) * np.random.default_rng(1).standard_normal(z.size)
+
+    def late(rows: int) -> bool:
+        table = np.column_stack([200 * T[rows:], x[rows:], z[: z.size - rows]])
+        np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t (s),volts (V),z (um)", comments="")
+        return "later than the voltage" in "; ".join(examine(read_record(tmp_path / "a.csv")).implausible)
+
+    assert (late(0), late(20)) == (False, True)

@@ -98,7 +98,8 @@ def _of_size(record: Record, found: Findings) -> Iterator[str]:
     moved, of_volts = record.columns["displacement"], record.columns["volts"]
     smallest = NANOMETRES if moved.stated and moved.unit == "nm" else STROKE[0]
     spans = f"the voltage spans {figures(volts, 4)} V for {figures(stroke)} um"
-    if volts > VOLTS[1] or (volts > HIGH_VOLTS and gain < HIGH_GAIN):
+    high = volts > HIGH_VOLTS and gain < HIGH_GAIN and of_volts.unit != "kV"  # nobody writes mV so
+    if volts > VOLTS[1] or high:
         yield f"{spans}: is its unit right? If it is mV, say {of_volts.says('volts', 'mV')}"
     elif volts < VOLTS[0]:
         yield f"{spans}: is its unit right? If it is V, say {of_volts.says('volts', 'V')}"
