@@ -86,3 +86,15 @@ def test_noise_makes_no_turn_late(tmp_path: Path) -> None:
         return "later than the voltage" in "; ".join(examine(read_record(tmp_path / "a.csv")).implausible)
 
     assert (late(0), late(20)) == (False, True)
+
+
+@pytest.mark.parametrize("seed", [4, 20, 23])
+def test_noise_makes_no_displacement_early(seed: int) -> None:
+    """The rates of slow triangles are those of the noise: of reversal curves 27 to 142 rows of lead were refused."""
+    turns = np.concatenate([[0.0, 100.0], np.stack([np.linspace(90, 0, 8), np.full(8, 100.0)], axis=1).ravel()])
+    x, r = np.interp(np.linspace(0, 1, T.size), np.linspace(0, 1, turns.size), turns), np.random.default_rng(seed)
+    z = moved(x) + 0.6 * r.standard_normal(x.size)
+    noisy = x + 0.2 * r.standard_normal(x.size)
+    assert not examine(Record.from_arrays(noisy, z, sample_rate=RATE)).mistakes
+    early = examine(Record.from_arrays(noisy[:-100], z[100:], sample_rate=RATE)).mistakes
+    assert "leads the voltage" in early[0] or "clockwise" in early[0]
