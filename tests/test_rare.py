@@ -385,3 +385,14 @@ def test_a_voltage_that_was_not_recorded_is_no_slew_limit() -> None:
     said = examine(Record.from_arrays(x, record.displacement, time=record.time)).implausible
     assert any("while the displacement moves as if it went on: was it not recorded there?" in one for one in said)
     assert not any("slew rate" in one for one in said)
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_the_first_stroke_of_reversal_curves_shows_no_other_gain(seed: int) -> None:
+    """It comes from rest, all others from the upper end; until the last ones none is as long."""
+    r = np.random.default_rng(seed)
+    turns = np.concatenate([[0.0, 100.0], np.stack([np.linspace(95, 0, 12), np.full(12, 100.0)], axis=1).ravel()])
+    x = np.interp(np.linspace(0, 1, 6000), np.linspace(0, 1, turns.size), turns)
+    z = np.asarray(plays(x, (0.0, 10.0, 30.0, 60.0)) @ (0.1, *r.uniform(0.02, 0.1, 3)))
+    z += 0.01 * r.standard_normal(x.size)
+    assert "of the gain" not in " ".join(_implausible(x, z))

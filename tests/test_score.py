@@ -198,3 +198,14 @@ def test_the_page_names_options_repeats_flags_and_says_who_made_it(files):
     assert "is a unit or a scale wrong (<code>--displacement-scale</code>, <code>--volts-scale</code>)" in html
     assert "<code>truestroke score model.toml nm.csv --force</code>" in html
     assert f"<footer>nm.csv · truestroke {truestroke.__version__}</footer>" in html
+
+
+@pytest.mark.parametrize("gain", [1.0, 1.02])
+def test_the_interval_is_as_wide_as_the_day_shows(model, gain):
+    """All of what another day may add was in it, on a day on which nothing had changed, too."""
+    record = day(2, zero=1.1, gain=gain)
+    found = score(model, record)
+    judged = found.trace.judged
+    error = np.abs(found.trace.displacement - found.trace.predicted)[judged]
+    assert 0.9 <= found.coverage <= 0.99
+    assert 0.7 < found.half_width_um / np.quantile(error, 0.95) < 1.5

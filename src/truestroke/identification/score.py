@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,10 @@ from truestroke.signals.clipping import runs
 from truestroke.signals.metrics import rms
 from truestroke.signals.noise import noise
 
+OF_DAY = 0.0, *(2.0 ** (-k / 2) for k in range(8, -1, -1))  # of what another day adds to the deviations of the weights
+NARROWER = 0.5, 0.7, 0.85  # times that of the model's own day: motion may be nearer to what its record shows
+PARTS, FEWEST = 4, 200  # of the record, each with the share of the others; samples: with fewer all of it
+BEYOND = 30.0  # times an error beyond the half width is added: least with the true 97 %, as errors depend on each other
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
 LATEST = 0.5  # of the motion: until then its start ends where the voltage has been at all voltages
@@ -59,7 +64,8 @@ class Score:
     rmse_without_offset_um : float
         Of the prediction with the zero of the model's own record, um.
     coverage : float
-        Share of the samples within the 95 % interval of another day (`ActuatorModel.another_day`), 0 to 1.
+        Share of the samples within the 95 % interval, 0 to 1. What `ActuatorModel.another_day` adds is in it as far as
+        the other quarters of the record show it.
     half_width_um : float
         Median half width of that interval, um.
     start_rmse_um, start_maximum_um : float
@@ -131,9 +137,9 @@ def score(model: ActuatorModel, record: Any, *, offset: float | None = None) -> 
     predicted = model.forward(s.volts, s.sample_rate)
     error = s.displacement - predicted
     moved = float(np.median(error[after])) if offset is None else checks.number("offset", offset, "um")
-    width = _half_width(model, s.volts, s.sample_rate, predicted, centred=offset is None)
     rest = error - moved
     judged = resting.judged(s.volts, rest, after)
+    width = _half_width(model, s.volts, s.sample_rate, predicted, rest, judged, centred=offset is None)
     numbers = {
         "offset_um": moved,
         "rmse_um": rms(rest[judged]),
@@ -163,18 +169,42 @@ def _start(x: FloatArray) -> int:
     return swept if early else first_known(x, span)
 
 
-def _half_width(model: ActuatorModel, volts: FloatArray, fs: float, predicted: FloatArray, centred: bool) -> FloatArray:
-    """Half width of the 95 % interval of the prediction error on another day, um, shape (samples,).
+def _half_width(
+    model: ActuatorModel,
+    volts: FloatArray,
+    fs: float,
+    predicted: FloatArray,
+    rest: FloatArray,
+    judged: npt.NDArray[np.bool_],
+    centred: bool,
+) -> FloatArray:
+    """Half width of the 95 % interval of the prediction error on this day, um, shape (samples,).
 
-    As `ActuatorModel.interval`, with the covariance of `another_day`. The zero walks from the start of this record, or,
-    where the offset is estimated, from its middle; the part of the weights that moves all samples alike is not in it.
+    As `ActuatorModel.interval`, with a share of what `another_day` adds to the covariance, or with none and narrower:
+    what is best for the judged samples in the other quarters of the record. The zero walks from the start of this
+    record, or, where the offset is estimated, from its middle; the part of the weights that moves all samples alike is
+    not in it.
     """
     start = 0.5 * volts.size if centred else 0.0
     since = np.abs(np.arange(volts.size) - start) / fs
-    motion = interval.of_motion(model, volts, fs, model.another_day(), centred)
-    motion = motion + interval.unshown(model, volts, fs, predicted)
+    own = interval.of_motion(model, volts, fs, model.covariance, centred)
+    day = interval.of_motion(model, volts, fs, model.another_day(), centred) - own
+    own = own + interval.unshown(model, volts, fs, predicted) + model.walk**2 * since
     least = interval.of_inner_loops(model, volts, fs)
-    return np.asarray(interval.COVERED * np.sqrt(np.maximum(motion + model.walk**2 * since, least)))
+    widths = [interval.COVERED * np.sqrt(np.maximum(own + share**2 * day, least)) for share in OF_DAY]
+    widths = [*(size * widths[0] for size in NARROWER), *widths]
+    rows = np.flatnonzero(judged)
+    if rows.size < FEWEST:
+        return np.asarray(widths[-1])
+    error, costs = np.abs(rest), np.zeros((len(widths), PARTS))
+    parts = np.array_split(rows, PARTS)
+    for k, width in enumerate(widths):
+        costs[k] = [np.sum(width[part] + BEYOND * np.maximum(error[part] - width[part], 0.0)) for part in parts]
+    chosen = np.argmin(costs.sum(axis=1, keepdims=True) - costs, axis=0)
+    found, ends = np.empty(volts.size), [0, *(int(part[0]) for part in parts[1:]), volts.size]
+    for k, (first, end) in zip(chosen, pairwise(ends), strict=True):
+        found[first:end] = widths[k][first:end]
+    return found
 
 
 def _large(found: dict[str, float], noise_um: float) -> bool:

@@ -131,6 +131,7 @@ def read_columns(
         if index is not None and index not in found.values():
             found[w.role] = index
         elif w.needed:
+            _refuse_alone(source, table, w, found)
             known = f"Head it {w.heading}" if w.heading else f"Name it by `{w.role}`"
             remedy = f"{known} or give {w.instead}" if w.instead else known
             raise RecordError(source, f"which column is {w.role}? {remedy}; {_listing(table)}")
@@ -148,6 +149,17 @@ def read_columns(
         if (factor := chosen[role].units[column.unit]) != 1.0:
             signals[role] *= factor
     return signals, columns
+
+
+def _refuse_alone(source: str, table: Table, wanted: Wanted, found: Mapping[str, int]) -> None:
+    """RecordError where a file has nothing beside the time but one signal."""
+    taken = {table.names[found["time"]].lower()} if "time" in found and table.names else set()
+    others = [c for c, name in enumerate(table.names) if name and name.lower() not in ("time", "t", "x_value", *taken)]
+    if len(others) == 1 < table.width and wanted.role in ("volts", "displacement"):
+        reason = (
+            f"{_heading(table, others[0])} is its only signal; put voltage and displacement side by side in one file"
+        )
+        raise RecordError(source, reason)
 
 
 def _named(source: str, table: Table, wanted: Wanted) -> int:
@@ -176,11 +188,19 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
     matches = next(filter(None, by_heading), [])
     if not matches and not wanted.certain:
         matches = [i for i in fits if table.units[i] in wanted.units]
+    if len(matches) > 1 and _are_one(table, matches):
+        matches = matches[:1]
     if len(matches) > 1:
         several = ", ".join(_heading(table, i) for i in matches)
         remedy = "keep one of them in the file" if wanted.heading else f"name one by `{wanted.role}`"
         raise RecordError(source, f"{wanted.role}: several columns could be it ({several}); {remedy}")
     return matches[0] if matches else None
+
+
+def _are_one(table: Table, columns: Sequence[int]) -> bool:
+    """Whether columns have one name and the same first numbers, as the time that instruments write for each signal."""
+    first = table.head[:, columns] if table.head.size else np.full((1, 2), np.nan)
+    return len({table.names[c] for c in columns}) == 1 and bool(np.all(first == first[:, :1]))
 
 
 def _listing(table: Table) -> str:

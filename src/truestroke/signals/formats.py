@@ -74,8 +74,11 @@ def other(path: Path) -> str:
     ending = path.suffix.lower()
     if start.startswith(b"PK\x03\x04"):
         return "" if ending in ZIPPED else _zipped(path)
-    if ending in ZIPPED[1:] and start and not start.startswith(b"PK") and start.isascii() and b"\0" not in start:
+    plain = bool(start) and start.isascii() and b"\0" not in start
+    if ending in ZIPPED[1:] and plain and not start.startswith(b"PK"):
         return "text; call it .csv"
+    if ending == ".mat" and plain and not start.startswith(b"MATLAB"):  # of `save -ascii`
+        return "text; call it .txt"
     for magic, (what, endings, remedy) in KINDS.items():
         if start.startswith(magic) and ending not in endings:
             return f"{what}; {remedy.format(path=path)}"

@@ -14,6 +14,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.records import turning
 from truestroke.identification.records.record import Record
+from truestroke.signals.noise import noise
 
 ROWS = 12_000  # evenly taken, that are looked at
 STROKES = 2000  # the same
@@ -22,6 +23,8 @@ THRESHOLDS = 0.03, 0.08, 0.15, 0.25, 0.4  # of the span: plays of a hysteresis o
 LAGS, LONGEST = 9, 0.25  # of the voltage, each twice the one before, and the longest, of a stroke
 BACK = 0.01, 3.0  # of the way to its mean by which the displacement goes back in a stroke
 BY_ITSELF = 2.2  # times smaller is the residual with such a way back; 1.9 at most in correct records
+UNKNOWN = 1  # strokes at the start, of another history than all later ones
+HIDDEN = 0.15  # of the mean square of the noise: less of a residual is not seen beside it
 GAIN, SURE = 0.07, 2.5  # of the gain, and times smaller are the squares with two gains; correct records: not both
 SHOWS, SCATTERS = 0.03, 0.4  # of the gain: what two explain beyond all else, rms; and of the change, their residual
 HATS = 5  # functions of the length of a stroke
@@ -30,8 +33,10 @@ BY_FEW = 45.0  # Fisher's F of the second gain: few strokes make 42 by chance, a
 DRIFTS = 1.2  # times the squares of a step that a gain leaves which drifts from some stroke on, where it is a step
 STEADILY = -1  # in place of a stroke: the gain changes throughout
 RAMP_SURE, RAMP_SHOWS = 1.5, 0.012  # as `SURE` and `SHOWS`: a ramp has half the rms of a step
+RAMP_BY_FEW = 40.0  # as `BY_FEW`: a ramp has no place that chance could find
 OF_ITS_OWN = 0.5  # of the squares of a ramp: where strokes get longer, a ramp of the gain may be that of the length
 MIDDLE = 0.15, 0.85  # of the strokes: a change before or after is that of a start or an end
+PLACES = 60  # in between at which a change is looked for: beside its stroke a change is not seen
 PARTS = 8  # of the record, each with a delay of its own
 JUMP, JUMP_ROWS = 0.04, 4.0  # of a stroke, and rows
 ALIKE = 0.15  # of a jump: so much do the delays on either side differ at most
@@ -45,7 +50,7 @@ def changed(record: Record) -> Iterator[str]:
     turns = turning.reversals(record.volts, turning.STROKE * float(np.ptp(record.volts)))
     if turns.size > FEWEST:
         fitted = _fitted(record, turns)
-        yield from _of_way_back(fitted)
+        yield from _of_way_back(fitted, noise(record.displacement, record.segments))
         yield from [*_of_delay(record, fitted), *_of_clocks(record, fitted)][:1] or _of_gain(record, turns)
 
 
@@ -93,13 +98,17 @@ def regressors(x: FloatArray, stroke: float) -> FloatArray:
     return np.column_stack([np.ones(n), np.linspace(-0.5, 0.5, n), v, v**2, v**3, H, *delayed])
 
 
-def _of_way_back(fitted: _Fitted) -> Iterator[str]:
-    """Behind a high pass the displacement loses a share of its distance from the mean in each row."""
+def _of_way_back(fitted: _Fitted, quiet: float) -> Iterator[str]:
+    """Behind a high pass the displacement loses a share of its distance from the mean in each row.
+
+    Residuals are compared beside the noise, um, which neither regression explains.
+    """
     z = fitted.displacement
     more = np.column_stack([fitted.columns, np.cumsum(z - z.mean()) / z.size])
     c = np.linalg.lstsq(more, z, rcond=1e-10)[0]
     share, least = -float(c[-1]) / z.size * fitted.stroke, float(np.std(z - more @ c))
-    without = float(np.std(z - fitted.predicted))
+    without = math.sqrt(max(float(np.var(z - fitted.predicted)) - quiet**2, 0.0))
+    least = math.sqrt(max(least**2 - quiet**2, HIDDEN * quiet**2))
     if BACK[0] < share < BACK[1] and without > BY_ITSELF * max(least, 1e-9 * float(np.ptp(z))):
         yield (
             "the displacement goes back towards its mean by itself, with a time constant of about "
@@ -192,6 +201,7 @@ def _of_clocks(record: Record, fitted: _Fitted) -> Iterator[str]:
 
 def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
     """The gain of strokes changes steadily, or is another one from a stroke on."""
+    turns = turns[UNKNOWN:]
     first = turns[:-1][:: -(-(turns.size - 1) // STROKES)]
     last = turns[1:][:: -(-(turns.size - 1) // STROKES)]
     x, span = record.volts, float(np.ptp(record.volts))
@@ -204,14 +214,14 @@ def _of_gain(record: Record, turns: turning.Rows) -> Iterator[str]:
     if before == 0.0:  # most strokes are beyond the end of the sensor's range
         return
     share, free = more / before, gain.size - usual.shape[1] - 1
-    sure, least = (RAMP_SURE, RAMP_SHOWS) if k == STEADILY else (SURE, SHOWS)
+    sure, least, by_few = (RAMP_SURE, RAMP_SHOWS, RAMP_BY_FEW) if k == STEADILY else (SURE, SHOWS, BY_FEW)
     shown = math.sqrt(max(alone - squares, 0.0) / all_of_it) > least * abs(before)  # beyond what lengths explain, too
     if not (
         abs(share) > GAIN
         and alone > sure * squares
         and shown
         and free >= FREE
-        and (alone - squares) * free > BY_FEW * squares
+        and (alone - squares) * free > by_few * squares
         and math.sqrt(squares / free * gain.size / all_of_it) < SCATTERS * abs(more)
         and (k == STEADILY or _drifts(usual, gain, length) > DRIFTS * squares)
     ):
@@ -243,7 +253,7 @@ def _usual(record: Record, first: turning.Rows, last: turning.Rows) -> FloatArra
 
 def _change(usual: FloatArray, gain: FloatArray, length: FloatArray) -> tuple[float, int, float]:
     """The change of the gain that explains most: squares beside it, from which stroke on or `STEADILY`, its size."""
-    middles = np.unique(np.linspace(MIDDLE[0] * gain.size, MIDDLE[1] * gain.size, 20).astype(int)).tolist()
+    middles = np.unique(np.linspace(MIDDLE[0] * gain.size, MIDDLE[1] * gain.size, PLACES).astype(int)).tolist()
     ramp, best = np.linspace(0.0, 1.0, gain.size) * length, (math.inf, 0, 0.0)
     own = _squares(usual, ramp)[0] > OF_ITS_OWN * _squares(length[:, None], ramp)[0]
     for k in (STEADILY, *middles) if own else middles:

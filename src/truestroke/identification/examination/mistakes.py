@@ -36,6 +36,7 @@ SHIFTS = 21  # that are tried
 LATE = 0.25  # of a stroke: hysteresis alone is late by 0.06 at most, an actuator with a slow sensor by 0.2
 SOON = 0.5e-3  # s: amplifier, stage and sensor are late by less, however fast the strokes
 TURNS = 0.04, 4.0  # the same two limits where reversals show it
+PART = 16  # of a stroke, one in so many: of means that show a lead beneath such noise
 COARSE = 0.008  # of the stroke: noise, or rounding to 36 steps, beyond which no single reversal shows a lead
 TOGETHER = 0.7  # least correlation of voltage and displacement, and of their strokes
 RINGS, RING_ABOVE = 0.3, 2.5  # of the mean square, about a line, and times the frequency of the strokes
@@ -98,7 +99,8 @@ def _of_size(record: Record, found: Findings) -> Iterator[str]:
     moved, of_volts = record.columns["displacement"], record.columns["volts"]
     smallest = NANOMETRES if moved.stated and moved.unit == "nm" else STROKE[0]
     spans = f"the voltage spans {figures(volts, 4)} V for {figures(stroke)} um"
-    if volts > VOLTS[1] or (volts > HIGH_VOLTS and gain < HIGH_GAIN):
+    high = volts > HIGH_VOLTS and gain < HIGH_GAIN and of_volts.unit != "kV"  # nobody writes mV so
+    if volts > VOLTS[1] or high:
         yield f"{spans}: is its unit right? If it is mV, say {of_volts.says('volts', 'mV')}"
     elif volts < VOLTS[0]:
         yield f"{spans}: is its unit right? If it is V, say {of_volts.says('volts', 'V')}"
@@ -278,14 +280,24 @@ def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
     if found.loop_width_percent < LEADS:
         return f"the loop turns clockwise, {found.loop_width_percent:.1f} % of the stroke"
     shown = {"lag": (EARLY, EARLY_ROWS)}
-    if found.noise_um < COARSE * found.stroke_um:
+    noisy = found.noise_um >= COARSE * found.stroke_um
+    if not noisy:
         shown["delay"] = TURNS
     if max(rows.values()) > EARLY_ROWS:  # the other one is late
         return ""
+    if noisy and rows["lag"] < -EARLY_ROWS:
+        rows = {**rows, "lag": _of_means(record, stroke)}
     for name, (share, least) in shown.items():
         if rows[name] < -max(share * stroke, least):
             return _by(found, -rows[name])
     return ""
+
+
+def _of_means(record: Record, stroke: float) -> float:
+    """The lag, rows, of means over a part of a stroke: rates from row to row are those of noise where there is much."""
+    over = max(int(stroke / PART), 1)
+    x, z = (np.convolve(signal, np.full(over, 1 / over), "valid") for signal in (record.volts, record.displacement))
+    return turning.rate_lag(x, z, int(stroke)) or 0.0
 
 
 def _by(found: Findings, rows: float) -> str:

@@ -26,6 +26,7 @@ from truestroke.signals.noise import converter_step, noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay
+BY_NOISE = 2.0  # times the noise as a share of the stroke, of the time of a stroke: so late noise lets a turn seem
 LONG, SLOW = 9000.0, 200.0  # s of motion, and Hz: few records are longer; one of 10 s in ms that are taken for s is
 ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
 COUNTED = 1000  # stamps or values that are looked at
@@ -115,7 +116,7 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
     if time is not None and time.unit != "s" and abs(late) + SHOWN * row < SOON:
         turns = f"within {figures(1e6 * (abs(late) + SHOWN * row), 2)} us of the voltage, before most amplifiers do"
         yield f"the displacement turns {turns}: are {stamps} in s? {_stated(time, 's')}"
-    elif late > max(TARDY, SHOWN * row):
+    elif late > max(TARDY, SHOWN * row, BY_NOISE * found.noise_um / found.stroke_um * found.duration_s / found.strokes):
         turns = f"{late:.2g} s later than the voltage, as hardly any does"
         if time is None:
             yield f"the displacement turns {turns}: is {stamps} of {record.sample_rate:g} Hz in kHz?"

@@ -31,6 +31,11 @@ GOES_ON, CLEAR = 0.2, 4.0  # of the median step, and deviations: so fast the vol
 SURE = 5.0  # deviations of the noise of the displacement
 SHARE = 0.4, 1.6  # of the voltage's jump times the gain: of the displacement in the same row
 SORTED = 0.005  # of the stroke: noise of rows that alternate between the ways up and down
+LONG_BESIDE, MOST_BESIDE = 40, 12  # of a stroke, one part in so many, and rows: of lines beside an even voltage's jump
+SHORT_BESIDE = 10  # the same of the displacement's
+ABOUT = 0.4, 3.0  # the same where it is far beyond all others: a lag has less, a turn that is missing less or more
+SHOWN = 0.015  # of the span: so far it jumps
+ALONE = 0.5  # of that, or of what stands out: no other row jumps so far
 FEW_JOINTS = 4  # a motion that jumps more often is meant to
 EVEN = 0.2  # of a step: so far the two before and behind it differ from their mean, where the voltage is smooth
 MISSING, MOST_MISSING = 1.7, 30.0  # times these: a step over a row that is missing, and over many
@@ -162,13 +167,14 @@ def _of_joints(record: Record, found: Findings) -> Iterator[str]:
     x, z = np.diff(record.volts), np.diff(record.displacement)
     steps = np.abs(x[x != 0.0])
     jumps = np.flatnonzero(np.abs(x) > JOINT * np.ptp(record.volts))
-    if not 0 < jumps.size < x.size // 50 or not steps.size:
+    if not jumps.size < x.size // 50 or not steps.size:
         return
     gaps = {s.start - 1 for s in record.segments[1:]}
     by_noise = CLEAR * math.sqrt(2.0) / BESIDE * noise(record.volts, record.segments)
     gain, slow = found.gain_um_per_v, max(GOES_ON * float(np.median(steps)), by_noise)
     by_noise = SURE * math.sqrt(2.0) * found.noise_um
     joints = [k for k in jumps.tolist() if k not in gaps and _is_joint(x, z, k, gain, slow, by_noise)]
+    joints = joints or _sudden(record, found, slow / 2)
     if 0 < len(joints) <= FEW_JOINTS:
         k, size = joints[0], len(joints)
         places = "one place" if size == 1 else f"{size} places"
@@ -177,6 +183,56 @@ def _of_joints(record: Record, found: Findings) -> Iterator[str]:
             f"voltage by {abs(x[k]):.3g} V, and move on behind: are rows missing, or two records joined? Use each part "
             "by itself, or time stamps"
         )
+
+
+def _sudden(record: Record, found: Findings, slow: float) -> list[int]:
+    """Rows behind which an even voltage jumps by far more than anywhere else, and moves on, faster than `slow` a row.
+
+    The displacement does so, too; where noise hides that, there is one such row.
+    """
+    x, z = record.volts, record.displacement
+    stroke = x.size / max(found.strokes, 1)
+    beside = int(np.clip(stroke / LONG_BESIDE, BESIDE, MOST_BESIDE))
+    if found.strokes < 4 or x.size < 4 * beside:
+        return []
+    level, slope = _lines(x, beside)
+    last, first = slice(0, x.size - 2 * beside + 1), slice(beside, None)  # windows that end, and begin, at a row
+    jump = (level[first] - slope[first] * beside / 2) - (level[last] + slope[last] * beside / 2)
+    moving = np.minimum(np.abs(slope[first]), np.abs(slope[last])) > slow
+    size, places = np.abs(jump), []
+    for gap in record.segments[1:]:
+        size[max(gap.start - 2 * beside, 0) : gap.start + beside] = 0.0
+    for _ in range(FEW_JOINTS + 1):
+        place = int(np.argmax(size))
+        places.append((place + beside - 1, float(jump[place]), bool(moving[place])))
+        size[max(place - 2 * beside, 0) : place + 2 * beside + 1] = 0.0
+    least = max(SHOWN * float(np.ptp(x)), SUDDEN * float(size.max()))
+    large = [each for each in places if abs(each[1]) > least]
+    if len(large) > FEW_JOINTS or not all(moves for *_, moves in large):
+        return []
+    if any(abs(by) > ALONE * least for _, by, _ in places[len(large) :]):
+        return []
+    seen = [_follows(z, k, found.gain_um_per_v * by, found.noise_um, stroke) for k, by, _ in large]
+    return sorted(k for k, *_ in large) if (seen and all(seen)) or seen == [None] else []
+
+
+def _lines(x: FloatArray, rows: int) -> tuple[FloatArray, FloatArray]:
+    """Mean and slope of the line through each so many rows."""
+    u = np.arange(rows) - (rows - 1) / 2
+    sums = np.concatenate([[0.0], np.cumsum(x - x.mean())])
+    return (sums[rows:] - sums[:-rows]) / rows + x.mean(), np.correlate(x, u / (u @ u), mode="valid")
+
+
+def _follows(z: FloatArray, k: int, by: float, quiet: float, stroke: float) -> bool | None:
+    """Whether the displacement jumps behind row k, by about so much, um; None where its noise hides that."""
+    most = max(int(stroke / SHORT_BESIDE), BESIDE)
+    if 8 * (SURE * quiet / by) ** 2 > most or not most <= k + 1 <= z.size - most:
+        return None
+    rows = min(max(most // 2, math.ceil(8 * (2 * SURE * quiet / by) ** 2)), most)
+    parts = z[k + 1 - rows : k + 1], z[k + 1 : k + 1 + rows]
+    (before, up), (behind, on) = ([float(values[0]) for values in _lines(part, rows)] for part in parts)
+    moved = (behind - on * rows / 2) - (before + up * rows / 2)
+    return bool(ABOUT[0] < moved / by < ABOUT[1])
 
 
 def _is_joint(x: FloatArray, z: FloatArray, k: int, gain: float, slow: float, by_noise: float) -> bool:

@@ -115,7 +115,7 @@ def _flat(held: Mapping[str, Any], group: str = "") -> dict[str, Any]:
     for name, value in held.items():
         if isinstance(value, dict):
             flat |= _flat(value, f"{group}{name}/")
-        elif not isinstance(value, list):  # a cell array
+        elif not isinstance(value, list) and np.asarray(value).dtype.kind != "O":  # a cell array
             flat[group + name] = value
     return flat
 

@@ -17,6 +17,7 @@ import numpy as np
 from truestroke.base import files
 from truestroke.base.typing import FloatArray
 from truestroke.signals import formats
+from truestroke.signals.tables import instruments
 from truestroke.signals.tables.arrays import READERS
 from truestroke.signals.tables.headings import names_and_units, stated_units
 from truestroke.signals.tables.marks import of_blanks, two_marks
@@ -89,6 +90,8 @@ def read_text(path: Path, narrowest: int) -> Table:
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace") as file:
         lines = list(itertools.islice(file, PROBE))
+    if table := _of_tds(path, encoding, lines):
+        return table
     layout = _layout(path, encoding, lines, narrowest)
     rows = [line for line in lines[layout.lines_before :] if _is_row(line)]
     if layout.separator == ",":
@@ -97,10 +100,16 @@ def read_text(path: Path, narrowest: int) -> Table:
     width = len(layout.fields(rows[0]))
     above = lines[: layout.lines_before]
     if found := _general_command_set(above, width):
-        return _timed(layout, *found)
+        names, step = found
+        return _timed(layout, *names_and_units(names), step)
     names, units = _header(path, layout, above, width)
     if names:
         units = stated_units(units, map(_is_moment, layout.fields(rows[0])))
+    cells = [layout.fields(re.sub(r"^\s*[#%]+", "", line)) for line in above if line.strip(" \t\r\n#%")]
+    if stated := instruments.stated(cells, names, units, width):
+        names, units = stated.names, stated.units
+        if stated.step:
+            return _timed(layout, names, units, stated.step, stated.replaces)
     head = _parse_slowly(rows, layout, range(width))
     if not names:
         _refuse_split(path, layout, above, head)
@@ -121,17 +130,39 @@ def _general_command_set(above: Sequence[str], width: int) -> tuple[tuple[str, .
     return (tuple(map(str, names)), step) if all(names) and step > 0 else None
 
 
-def _timed(layout: _Layout, names: tuple[str, ...], step: float) -> Table:
-    """A table whose first column is the time, which the file has in its header alone."""
+def _of_tds(path: Path, encoding: str, lines: Sequence[str]) -> Table | None:
+    """The table of a text whose header is in columns of its own, beside the first rows; None where it is none."""
+    if not lines or not lines[0].lstrip('" ').lower().startswith(instruments.FIRST_OF_TDS):
+        return None
+    layout = _Layout(path, encoding, _separator(lines[0]), False, 0)
+    cells = [layout.cells(line) for line in lines if _is_row(line)]
+    width = _filled(cells[0])
+    stated = instruments.beside(cells, width)
+    if stated is None:
+        return None
+    layout = replace(layout, width=width)
+    head = _parse_slowly(lines, layout, range(width))
+    return Table(stated.names, stated.units, head, partial(_columns, layout), partial(_locate, layout), "line")
+
+
+def _timed(
+    layout: _Layout, names: tuple[str, ...], units: tuple[str, ...], step: float, replaces: bool = False
+) -> Table:
+    """A table with a time that the file has in its header alone: s from row to row.
+
+    It is a further column, behind those of the file, whose numbers stay, or replaces the first.
+    """
+    place = 0 if replaces else len(names)
 
     def read(columns: Sequence[int], complete: bool) -> list[FloatArray]:
-        wanted = [c - 1 for c in columns if c] or [0]
+        wanted = [c for c in columns if c != place] or [1 if replaces else 0]
         held = dict(zip(wanted, _columns(layout, wanted, complete), strict=True))
         time = step * np.arange(held[wanted[0]].size, dtype=np.float64)
-        return [held[c - 1] if c else time for c in columns]
+        return [time if c == place else held[c] for c in columns]
 
-    found, units = names_and_units(names)
-    return Table(("time", *found), ("s", *units), np.zeros((0, 0)), read, partial(_locate, layout), "line")
+    if not replaces:
+        names, units = (*names, "time"), (*units, "s")
+    return Table(names, units, np.zeros((0, 0)), read, partial(_locate, layout), "line")
 
 
 def _refuse_split(path: Path, layout: _Layout, above: Sequence[str], head: FloatArray) -> None:
