@@ -8,7 +8,8 @@ With --online it is a `RepetitiveController` around the default controller, whic
 batch in one run, with half a second of lost measurements where a pass is missed. Its first batch is the controller
 alone. With --steps it is the processor time of a tick of a `RepetitiveController` around a constant gain: the least of
 three runs of the same ticks, for periods of 250, 1000 and 8192 ticks at 10 kHz. With --gain 0.95 the gain of the stage
-changes after eight passes, and those after it count.
+changes after eight passes, and those after it count. With --late one of the passes 1 to 5 of each stage is recorded too
+late, by a lot of 2 to 98 % of the period; it is not in the table.
 
 With --online --wander 1 the period wanders by 1 % within five seconds. --turn is the share of the period that the
 turns of the lines take; with --turn stage they are those that the known dynamics ask for.
@@ -48,6 +49,7 @@ FS, LIMITS, SPAN = 10_000.0, (-0.6, 3.6), 20.0
 FREQUENCIES = {400.0: (10.0, 20.0, 50.0, 100.0), 900.0: (10.0, 20.0, 50.0, 100.0, 200.0)}
 KINDS = "plays", "preisach", "bouc-wen"
 BEFORE = 8  # passes before the gain changes
+LATE = 1, 6  # the first pass that may be recorded late, and the first that is not any more
 MISSED = 2  # the pass that is missed, where one is
 WANDERS, FINE = 5.0, 20  # s; samples of a tick that a wandering motion is interpolated from
 RATES = 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5  # Hz, of --whole
@@ -130,8 +132,11 @@ def online(c: Case, batches: int, wander: float, turn: str | float) -> list[floa
     return (found + found[-1:] * batches)[:batches]
 
 
-def errors(c: Case, passes: int, changed: float = 1.0) -> list[float]:
-    """Of each pass that was not missed, %; of those after a change of the gain of the stage, where it changes."""
+def errors(c: Case, passes: int, changed: float = 1.0, late: bool = False) -> list[float]:
+    """Of each pass that was recorded, %; of those after a change of the gain of the stage, where it changes.
+
+    `late`: one of them is recorded too late.
+    """
     stage, known = stage_of(c)
     stage.open()
     wave = raster(c, 1.0)
@@ -142,16 +147,20 @@ def errors(c: Case, passes: int, changed: float = 1.0) -> list[float]:
     desired, lines = wave.position[start : start + N], learned.counts
     found: list[float] = []
     before = BEFORE if changed != 1.0 else 0
-    for k in range(before + passes + c.missed):
-        if c.missed and k == MISSED:
+    rng = np.random.default_rng([c.seed, 1])
+    at, by = (int(rng.integers(*LATE)), round(N * rng.uniform(0.02, 0.98))) if late else (-1, 0)
+    for k in range(before + passes + c.missed + late):
+        if c.missed and k == MISSED and k != at:
             learned.learn(None)
             continue
         gain = changed if k >= before + c.missed else 1.0
         measured = gain * stage.exchange(np.tile(learned.volts, settle + count))[settle * N :]
         true = gain * stage.truth[settle * N :].reshape(count, N).mean(axis=0)
-        learned.learn(measured)
+        learned.learn(np.roll(measured, by) if k == at else measured)
+        if k == at:
+            continue
         found.append(100 * float(np.std((true - desired)[lines])) / SPAN)
-    return found[before:]
+    return found[before:][:passes]
 
 
 class FromRest:
@@ -254,6 +263,7 @@ def main() -> None:
     parser.add_argument(
         "--gain", type=float, default=1.0, help="of the stage from the ninth pass on, which is pass 0 then"
     )
+    parser.add_argument("--late", action="store_true", help="one pass is recorded too late")
     parser.add_argument("--online", action="store_true", help="one run with a RepetitiveController")
     parser.add_argument("--wander", type=float, default=0.0, help="on line: %% by which the period wanders")
     parser.add_argument("--turn", default=0.2, help="on line: share of the period, or: stage")
@@ -275,7 +285,7 @@ def main() -> None:
     elif asked.online:
         table = np.array([online(c, asked.passes, asked.wander / 100, asked.turn) for c in cases])
     else:
-        table = np.array([errors(c, asked.passes, asked.gain) for c in cases])
+        table = np.array([errors(c, asked.passes, asked.gain, asked.late) for c in cases])
     print("pass    median   95 %    worst   above the first   above 0.05 %")
     for k, column in enumerate(table.T):
         above, far = int(np.sum(column > table[:, 0])), int(np.sum(column > 0.05))

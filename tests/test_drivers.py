@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import pickle
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -188,6 +191,30 @@ def test_the_output_of_a_driver_can_be_rescued_by_what_was_pickled(tmp_path: Pat
     driver.close()
     driver.close()
     assert np.fromfile(register).tolist() == [0.5, 0.0]
+
+
+def test_no_temporary_register_stays_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not of a driver that nobody has closed, nor of one that another process rescues, in time or too late."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    driver = SimulatedDriver()
+    driver.open()
+    driver.start(np.array([1.0]))
+    rescue = driver.rescue()
+    rescue(np.array([0.5]))
+    assert driver.output.tolist() == [0.5]
+    del driver
+    gc.collect()
+    assert not list(tmp_path.iterdir())
+    rescue(np.array([0.0]))
+    assert not list(tmp_path.iterdir())
+    driver = SimulatedDriver()
+    driver.open()
+    driver.start(np.array([1.0]))
+    code = "import pickle, sys, numpy as np; pickle.loads(bytes.fromhex(sys.argv[1]))(np.array([0.25]))"
+    subprocess.run([sys.executable, "-c", code, pickle.dumps(driver.rescue()).hex()], check=True)
+    assert driver.output.tolist() == [0.25]
+    assert not list(tmp_path.iterdir())
+    driver.close()
 
 
 @pytest.mark.parametrize("kind", ["open", "start", "stop"])

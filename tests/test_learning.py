@@ -618,6 +618,50 @@ def test_a_sensor_that_turns_its_sign_while_it_is_learned_is_refused_and_the_bes
     assert learned.learn(stage.play(learned.volts)[0]).rmse < 0.05
 
 
+@pytest.mark.parametrize(("spoilt", "why"), [
+    (lambda z: np.roll(z, 33), "33 samples, 0.0033 s, too late"),
+    (lambda z: np.roll(z, -15), "15 samples, 0.0015 s, too early"),
+    (lambda z: 24.0 - z, "against the voltage"),
+])  # fmt: skip
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_pass_whose_record_is_not_that_of_its_voltage_counts_for_nothing(spoilt, why, number):
+    """The law took it for what the stage does, and stayed at a hundredth of the motion."""
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(870.0), **KNOWN)
+    for _ in range(number):
+        learned.learn(stage.play(learned.volts)[0])
+    volts = learned.volts
+    missed = learned.learn(spoilt(stage.play(volts)[0]))
+    assert missed.missed == f"it was {why}"
+    assert not missed.measured.size
+    assert learned.volts is volts
+    for _ in range(6 - number):
+        made = learned.learn(stage.play(learned.volts)[0])
+    assert made.rmse < 0.01
+
+
+def test_a_trigger_that_has_another_place_from_now_on_is_refused_and_the_best_voltage_stays():
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(870.0), **KNOWN)
+    for _ in range(3):
+        learned.learn(stage.play(learned.volts)[0])
+    best = learned.best_volts
+    learned.learn(np.roll(stage.play(learned.volts)[0], 12))
+    with pytest.raises(SettingError, match=r"^measured = 12 samples, 0\.0012 s, too late, two passes in a row: must"):
+        learned.learn(np.roll(stage.play(learned.volts)[0], 12))
+    assert learned.best_volts is best
+    with pytest.raises(SettingError, match=r"^measured = 7 samples, .* too early, after 12 .* too late, two passes in"):
+        learned.learn(np.roll(stage.play(learned.volts)[0], -7))
+    assert learned.learn(stage.play(learned.volts)[0]).rmse < 0.05
+
+
+def test_a_sine_shows_no_time_and_is_learned_again_where_the_stage_has_changed():
+    stage = Stage(900.0)
+    wave = trajectories.sine(frequency=50.0, peak_to_peak=20.0, offset=12.0, duration=1.0, sample_rate=FS)
+    learned = IterativeLearning(wave, dynamics=dynamics(900.0), **KNOWN)
+    for _ in range(4):
+        learned.learn(stage.play(learned.volts)[0])
+    assert not learned.learn(np.roll(stage.play(learned.volts)[0], 3)).missed
+
+
 def test_plays_that_all_go_against_the_voltage_leave_one_without_a_loop():
     """Their sum is what the others are divided by: each voltage of the model was NaN."""
     assert periodic_hysteresis._rising(np.array([-0.5, -0.2, 0.0, 0.1, 0.3])).tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
@@ -948,7 +992,7 @@ def test_a_first_pass_that_is_lost_is_reported_and_repeated():
     assert "missed" in found.passes[0].undone
     assert learning_rows(found)[0] == ["0", "-", "-", "-", "-", "missed"]
     assert found.best.rmse < 0.1 * found.passes[1].rmse
-    assert any("1 of 5 passes were missed" in reason for reason in found.verdict.reasons)
+    assert any("1 of 5 passes was missed: samples were lost" in reason for reason in found.verdict.reasons)
     stage.missing = 9
     with pytest.raises(truestroke.DriverError, match="no pass of 2 was measured"):
         truestroke.learn(stage, wave, dynamics=known, passes=2, **limits)

@@ -272,6 +272,17 @@ def test_a_single_axis_is_asked_for_a_second(tmp_path) -> None:
         config.load(tmp_path / "scan.toml")
 
 
+def test_a_motion_that_is_refused_is_not_recorded_to_a_file_beside(tmp_path, monkeypatch) -> None:
+    """A line said where the recording goes, and how long it takes, before the motion was refused."""
+    monkeypatch.chdir(tmp_path)
+    Path("scan.toml").write_text((SIMULATED + AXES).replace("width = 6.0", "width = 40.0"))
+    Path("scan-x.h5").write_bytes(b"")
+    done = CliRunner().invoke(main, ["scan", "--config", "scan.toml", "--overwrite"])
+    assert done.exit_code == 2
+    assert "must be within the stroke, 30 um" in done.stderr
+    assert "recording to" not in done.stderr
+
+
 @pytest.mark.parametrize(("asked", "said"), [("\ncolumns = 333", True), ("\ncolumns = 20", False), ("", False)])
 def test_columns_that_the_ticks_do_not_fill_are_named(tmp_path, asked, said) -> None:
     (tmp_path / "scan.toml").write_text((SIMULATED + AXES).replace("lines = 8", f"lines = 8{asked}"))

@@ -54,6 +54,17 @@ def test_a_harmonic_of_the_motion_is_no_load(motion: float, is_load: bool) -> No
     assert (heard(sine, motion, 117.0).of_load > 0) is is_load
 
 
+@pytest.mark.parametrize(("motion", "centre"), [(25.0, 16.394), (25.0, 19.48), (40.0, 17.57), (8.0, 27.0)])
+def test_the_motion_beside_the_centre_is_no_load(motion: float, centre: float) -> None:
+    """The blocks weaken it a thousand times, and what remains is as steady as a load of another frequency."""
+    time, rate = np.arange(round(25 * 2000.0 / centre)) / 2000.0, 2000.0
+    tone = heard(np.sin(2 * np.pi * motion * time), motion, centre, rate)
+    assert tone.shown(0.0, 0) > 0  # as if nothing were known of the motion
+    assert tone.shown(0.0, 20.5) == 0
+    load = 0.01 * np.sin(2 * np.pi * 1.07 * centre * time)
+    assert heard(load, motion, centre, rate).shown(0.9, 20.5) * rate == pytest.approx(1.07 * centre, rel=0.01)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_is_no_load(seed: int) -> None:
     assert heard(np.random.default_rng(seed).standard_normal(4000), 5.0, 100.0).of_load == 0

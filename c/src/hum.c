@@ -396,10 +396,11 @@ static ts_real unexplained(ts_controller *c, ts_real z, bool used)
     return y - f->product / f->square * x;
 }
 
-/* Whether loads are listened for in what the first weights do not explain, too: where it is given, no load is taken for the stage. */
+/* Whether loads are listened for in what the first weights do not explain, too: where it is given, no load is taken for the stage. Beside
+ * other axes their motion is in that, whose harmonics are not those of this axis. */
 static bool explains(const ts_controller *c)
 {
-    return c->settings->dynamics.known || c->settings->resonance > 0;
+    return (c->settings->dynamics.known || c->settings->resonance > 0) && c->settings->terms[TS_COUPLING] == 0;
 }
 
 /* How steady a tone is a load, in the error or not. */

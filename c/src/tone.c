@@ -7,6 +7,8 @@
 #define LONGEST_BLOCK ((ts_real)1e8)   /* ticks */
 #define FEWEST_BLOCKS 9                /* of a window, half a block after each other: fewer show nothing */
 #define OFF_HARMONIC ((ts_real)0.04)   /* of the motion's frequency: what is nearer to a harmonic is not distinguished from it */
+#define OFF_MOTION ((ts_real)0.01)     /* the same, of the motion itself, where it is so far from the centre that it shows another frequency: */
+#define MOST_TURNS 3                   /* by so many turns in half a block, at most */
 
 static ts_real square_of(const ts_real *a)
 {
@@ -98,9 +100,13 @@ ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders)
     if (t->blocks < FEWEST_BLOCKS || !(root_of(square_of(t->product)) > steady * larger)) return 0;
     ts_real frequency = frequency_of(t);
     if (t->turns < 2) return frequency;
-    ts_real order = frequency * (t->last - t->first) / (ts_real)(t->turns - 1);
+    ts_real period = (t->last - t->first) / (ts_real)(t->turns - 1), order = frequency * period;
     if (!(order >= 0 && order < orders)) return frequency;
-    return size_of(order - (ts_real)(int)(order + (ts_real)0.5)) > OFF_HARMONIC ? frequency : 0;
+    if (!(size_of(order - (ts_real)(int)(order + (ts_real)0.5)) > OFF_HARMONIC)) return 0;
+    ts_real apart = 2 * period / (ts_real)t->block, beside = size_of(order - 1);
+    for (int turns = 1; turns <= MOST_TURNS; turns++)
+        if (!(size_of(beside - (ts_real)turns * apart) > OFF_MOTION)) return 0;
+    return frequency;
 }
 
 ts_real ts_tone_amplitude(const ts_tone *t)

@@ -112,12 +112,18 @@ def follow(
     for path in paths:
         if path.resolve() == config.resolve():
             raise click.UsageError(f"{path}: the recording would replace the configuration; call it run.h5.")
-        if path.exists():
-            common.complain(f"recording to {beside(path)} until the run has ended; {path} stays as it is until then")
-    if job.frame is not None and not as_json and (turned := frames.described(job.frame)):
-        common.print_text(turned, err=True)
-    common.foretell("the run takes", job.axes[0].trajectory.duration, as_json)
-    outcome = run_realtime(job.driver, job.axes, file, server=server, **options)
+
+    def begins() -> None:
+        for path in paths:
+            if path.exists():
+                common.complain(
+                    f"recording to {beside(path)} until the run has ended; {path} stays as it is until then"
+                )
+        if job.frame is not None and not as_json and (turned := frames.described(job.frame)):
+            common.print_text(turned, err=True)
+        common.foretell("the run takes", job.axes[0].trajectory.duration, as_json)
+
+    outcome = run_realtime(job.driver, job.axes, file, server=server, begins=begins, **options)
     recordings = {
         axis.name: truestroke.Recording.load(path) for axis, path in zip(job.axes, outcome.files, strict=True)
     }

@@ -10,6 +10,8 @@ FEWEST_BLOCKS = 9  # of a window, half a block after each other: fewer show noth
 STEADY_TONE = 0.95  # of the square of a block: its product with the one before; a steady tone neither decays nor grows
 ORDERS_OF_STAGE = 40.5  # of a harmonic of the motion, as 840 Hz of lines of 40 Hz, at which the stage rings
 OFF_HARMONIC = 0.04  # of the motion's frequency: what is nearer to a harmonic is not distinguished from it
+OFF_MOTION = 0.01  # the same, of the motion itself, so far from the centre that it shows another frequency:
+MOST_TURNS = 3  # by so many turns in half a block, at most
 OF_LOAD = 0.35  # of the frequency of a load: what is shown so near to it is the load
 
 
@@ -24,7 +26,8 @@ class ToneDetector:
 
     of at least nine of them: the ringing of a mode with a damping of 0.002 does not last so long. The angle of
     sum A_k A*_(k-1) shows its frequency within a quarter of the centre. The period of the motion is that from one turn
-    upwards to the next.
+    upwards to the next. A motion beside that quarter, which a block weakens but does not take away, shows a frequency
+    there, from which it is some turns in half a block away: such a tone is none.
 
     Parameters
     ----------
@@ -97,10 +100,17 @@ class ToneDetector:
         frequency = self._frequency
         if self._turns < 2:
             return frequency
-        order = frequency * (self._last_turn - self._first_turn) / (self._turns - 1)
+        period = (self._last_turn - self._first_turn) / (self._turns - 1)
+        order = frequency * period
         if not 0 <= order < orders:
             return frequency
-        return frequency if abs(order - int(order + 0.5)) > OFF_HARMONIC else 0.0
+        if not abs(order - int(order + 0.5)) > OFF_HARMONIC:
+            return 0.0
+        apart, beside = 2 * period / self._block, abs(order - 1)
+        for turns in range(1, MOST_TURNS + 1):
+            if not abs(beside - turns * apart) > OFF_MOTION:
+                return 0.0
+        return frequency
 
     @property
     def ticks(self) -> int:

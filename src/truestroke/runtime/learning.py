@@ -271,7 +271,9 @@ def _passes(
         volts = np.tile(learning.volts, sum(periods))
         measured = play(volts)[first:]
         made = learning.learn(measured - found.zero)
-        records = (*found.records[:1], *found.records[1:][-1:], (volts[first:], measured))
+        records = found.records
+        if not made.missed:
+            records = (*records[:1], *records[1:][-1:], (volts[first:], measured))
         found = dataclasses.replace(found, passes=(*found.passes, made), records=records)
         seen = seen or made.measured.size > 0
         if seen:

@@ -411,9 +411,10 @@ def unexplained(c: State, z: float, used: bool) -> float:
 def explains(c: State) -> bool:
     """Whether loads are listened for in what the first weights do not explain, too.
 
-    Where it is given, no load is taken for the stage.
+    Where it is given, no load is taken for the stage. Beside other axes their motion is in that, whose harmonics are
+    not those of this axis.
     """
-    return bool(c.members["dynamics.known"] or c.members["resonance"] > 0)
+    return bool(c.members["dynamics.known"] or c.members["resonance"] > 0) and c.settings.other_axes == 0
 
 
 def steady_load(c: State, of_error: bool) -> float:

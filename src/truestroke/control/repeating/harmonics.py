@@ -181,6 +181,16 @@ class HarmonicLaw:
         """Standard deviation in time of what has these variances of its harmonics, um."""
         return float(np.sqrt(2 * noise2.sum())) / self.samples
 
+    def expected(self, output: ComplexArray) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+        """Z of a pass with U, um, by the last one and R; the change that it has of that; and the variance of the noise.
+
+        Harmonics that are not learned are 0, and so is the mean.
+        """
+        assert self._last is not None
+        U, Z, noise2 = self._last
+        change = np.where(self._moving, self.ratio * self.response * (output - U), 0.0)
+        return np.where(self._moving, Z, 0.0) + change, change, np.where(self._moving, noise2, 0.0)
+
     @property
     def best(self) -> float:
         """Rms of the error of the pass on which the next one builds, without its mean, um."""

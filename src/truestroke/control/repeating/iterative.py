@@ -61,6 +61,11 @@ SLOW = 0.8  # times the rmse: what the next pass must be expected to have, where
 STOPPED = 4  # and what one of the last passes must have had of the best one before
 SHOWN = 2.0  # times the noise: with no more a pass shows no motion
 CROSSED = 0.05  # of the span of the voltage: how far it goes on while a sensor is at the end of its range
+LATE_BY = 0.7  # samples: a record that begins so much later or earlier than it should has another trigger
+EXPLAINED = 0.1  # of the power of what was not expected: no more remains where another trigger explains it
+OTHER_PASS = 1.0, 25.0  # times the power of the change, and of the noise: beyond, a pass is not what was expected
+RICH = 0.05  # of the power of the velocity: what other harmonics than the largest have where a phase shows a time
+FINER = 8  # times the samples: where a record begins is looked for
 GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
 
 
@@ -88,6 +93,8 @@ class Pass(Displayed):
         Share of the samples of `volts` at a limit of voltage or slew.
     undone : str
         In a sentence, why the next pass does not build on this one; empty where it does.
+    missed : str
+        Why this pass counts for nothing, and the same voltage comes again; empty where it counts.
     limit : str
         In a sentence, the limit that holds most of them and what helps; empty where none does.
     spikes : float
@@ -104,6 +111,7 @@ class Pass(Displayed):
     expected: float
     limited: float
     undone: str = ""
+    missed: str = ""
     limit: str = ""
     spikes: float = 0.0
 
@@ -229,7 +237,8 @@ class IterativeLearning(Displayed):
         size = {"samples": self.samples, "periods": self.periods}
         self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
         self._best = math.nan, np.empty(0)
-        self._number, self._against = 0, False  # of the last pass: whether the displacement went against the voltage
+        self._number = 0
+        self._elsewhere = ""  # of the last pass, why its record is not that of its voltage
         self._hysteresis: PeriodicHysteresis | None = None
         self._seen: list[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray]] = []  # volts, U, Z and its variance
         self.volts, self._held = self._first(model)
@@ -332,19 +341,20 @@ class IterativeLearning(Displayed):
         ------
         SettingError
             The pass was cut short: not a whole number of periods. Or the displacement went against the voltage, two
-            passes in a row, where it had gone with it. What was learned so far stays.
+            passes in a row, where it had gone with it, or the record began elsewhere, two passes in a row. What was
+            learned so far stays.
         """
         z = self._periods(measured)
         if z is None:
-            return self._missed()
+            return self._missed("samples were lost")
         self._refuse_clipped(z)
         spikes = _spikes(z)
         mean, noise2 = self._mean(np.where(spikes, np.nan, z))
         Z, first = np.fft.rfft(mean), self._hysteresis is None
         if first:
             self._scale(np.fft.rfft(self.volts), Z, noise2)
-        else:
-            self._refuse_against(Z)
+        elif elsewhere := self._not_of_its_voltage(Z, noise2):
+            return self._missed(elsewhere)
         error = mean - np.fft.irfft(self._law.desired, self.samples)
         rmse = float(np.sqrt(np.mean(error[self.counts] ** 2)))
         if first or float(np.std(error[self.counts])) < self._law.best:
@@ -379,14 +389,48 @@ class IterativeLearning(Displayed):
         self._number += 1
         return made
 
-    def _refuse_against(self, Z: ComplexArray) -> None:
-        """A sensor whose sign, or a trigger whose place, is another one from now on: one such pass is undone."""
-        against = not self._law.gain(np.fft.rfft(self.volts), Z) > 0
-        if against and self._against:
+    def _not_of_its_voltage(self, Z: ComplexArray, noise2: FloatArray) -> str:
+        """Why the record of a pass is not that of its voltage; refused where the one before was none, too."""
+        if against := not self._law.gain(np.fft.rfft(self.volts), Z) > 0:
+            found, bound = "against the voltage", "of a sensor that rises with the voltage, as in the first pass"
             remedy = "look at its sign, channel and cable, and at the trigger of the recording"
-            bound = f"of a sensor that rises with the voltage, as in the first pass: {remedy}"
-            raise SettingError("measured", "against the voltage, two passes in a row", bound)
-        self._against = against
+        elif late := self._late(Z, noise2):
+            size = f"{figures(abs(late), 2)} samples, {figures(abs(late) / self.sample_rate, 2)} s,"
+            found = f"{size} too {'late' if late > 0 else 'early'}"
+            bound = "recorded from where the first pass was, as the voltage before shows"
+            remedy = "look at the trigger of the recording, or learn anew with where it is now"
+        else:
+            self._elsewhere = ""
+            return ""
+        if self._elsewhere:
+            before = "" if against or found == self._elsewhere else f", after {self._elsewhere}"
+            raise SettingError("measured", f"{found}{before}, two passes in a row", f"{bound}: {remedy}")
+        self._elsewhere = found
+        return f"it was {found}"
+
+    def _late(self, Z: ComplexArray, noise2: FloatArray) -> float:
+        """Samples that the record begins too late; 0 where nothing else explains as little of it.
+
+        A single harmonic shows a phase, which is that of a stage, too. So a sine shows no time.
+        """
+        assert self._hysteresis is not None
+        shown = np.fft.rfft(finished(self._hysteresis.strain(self.volts)))
+        Y, change, noise = self._law.expected(shown)
+        Z = np.where(Y != 0, Z, 0.0)
+        other = float(np.sum(np.abs(Z - Y) ** 2))
+        power = (np.arange(Y.size) * np.abs(Y)) ** 2
+        if power.sum() - power.max() < RICH * power.sum():
+            return 0.0
+        enough, of_noise = OTHER_PASS
+        if other < enough * float(np.sum(np.abs(change) ** 2)) + of_noise * float(np.sum(noise + noise2)):
+            return 0.0
+        alike = np.fft.irfft(Z * np.conj(Y), FINER * self.samples)
+        steps = int(np.argmax(alike))
+        most = FINER * self.samples / self.periods
+        late = (steps - most * round(steps / most)) / FINER
+        moved = Y * np.exp(-2j * np.pi * np.arange(Y.size) * late / self.samples)
+        left = float(np.sum(np.abs(Z - moved) ** 2))
+        return late if abs(late) >= LATE_BY and left < EXPLAINED * other else 0.0
 
     def _model(self, Z: ComplexArray, noise2: FloatArray) -> None:
         """The hysteresis as this pass shows it, and what it differs by from those that the law remembers."""
@@ -439,7 +483,7 @@ class IterativeLearning(Displayed):
         level = float(np.median(np.abs(Z[0, beyond]) ** 2)) / math.log(2) if beyond.any() else 0.0
         return mean, np.full(Z.shape[1], level)
 
-    def _missed(self) -> Pass:
+    def _missed(self, why: str) -> Pass:
         nothing = np.empty(0)
         same = {"rmse": math.nan, "maximum": math.nan, "noise": math.nan}
         self._number += 1
@@ -451,7 +495,8 @@ class IterativeLearning(Displayed):
             expected=self._best[0],
             limited=self._held.share,
             limit=self._held.words,
-            undone="This pass was missed: the same voltage comes again.",
+            undone=f"This pass was missed, {why}: the same voltage comes again.",
+            missed=why,
             **same,
         )
 
@@ -559,8 +604,10 @@ class Learned(Displayed):
             findings.append(("doubtful", text))
         cut = best.limited > LIMITED and best.rmse > SPOILT * span
         findings += [("bad" if cut and reason == best.limit else "doubtful", reason) for reason in best.verdict.reasons]
-        if missed := sum(one.measured.size == 0 for one in self.passes):
-            findings.append(("doubtful", f"{missed} of {len(self.passes)} passes were missed: samples were lost."))
+        if missed := [one for one in self.passes if one.missed]:
+            were = "was" if len(missed) == 1 else "were"
+            why = "; ".join(dict.fromkeys(one.missed for one in missed))
+            findings.append(("doubtful", f"{len(missed)} of {len(self.passes)} passes {were} missed: {why}."))
         return Verdict.of(findings)  # type: ignore[arg-type]
 
     def _further(self, errors: list[float]) -> str:

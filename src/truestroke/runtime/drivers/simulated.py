@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import os
 import time
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -138,7 +139,8 @@ class SimulatedSettings:
         Whether exchange lasts as long as its block, as a card with a clock of its own makes it.
     register : str or None
         File that shows what is at the outputs (float64, V, one for each channel), also to other processes; by default a
-        temporary one. It stays as it is when the process dies, as the D/A converter of a card does.
+        temporary one. It stays as it is when the process dies, as the D/A converter of a card does; a temporary one
+        until a watchdog has set it to safety.
     plant : Mapping[str, object]
         Members of `plant.PlantSettings`.
     stage : Mapping[str, object]
@@ -279,6 +281,7 @@ class SimulatedDriver:
         if s.register is None and self._temporary is None:
             handle, self._temporary = tempfile.mkstemp(prefix="truestroke-", suffix=".volts")
             os.close(handle)
+            self._forgotten = weakref.finalize(self, _remove, self._temporary, os.getpid())
         self._path = s.register or self._temporary or ""
         if not Path(self._path).exists() or Path(self._path).stat().st_size != 8 * s.channels:
             set_register(self._path, np.zeros(s.channels))
@@ -366,11 +369,13 @@ class SimulatedDriver:
     def close(self) -> None:
         """Delete the temporary register, if there is one."""
         if self._temporary is not None:
-            Path(self._temporary).unlink(missing_ok=True)
+            self._forgotten()
             self._temporary = None
 
     def rescue(self) -> Callable[[FloatArray], None]:
         """Write to the register from another process."""
+        if self._temporary is not None:
+            return functools.partial(_rescue, self._temporary, os.getpid())
         return functools.partial(set_register, self._path)
 
     def describe(self) -> dict[str, object]:
@@ -385,6 +390,23 @@ class SimulatedDriver:
             return {"output_range": ranges if len(set(ranges)) > 1 else ranges[0]}
         limits = getattr(settings, "voltage_limits" if self.settings.stage else "da_limits", None)
         return {} if limits is None else {"output_range": limits}
+
+
+def _remove(path: str, owner: int) -> None:
+    """A temporary register, which a process that was forked from its owner leaves alone."""
+    if os.getpid() == owner:
+        Path(path).unlink(missing_ok=True)
+
+
+def _rescue(path: str, owner: int, volts: FloatArray) -> None:
+    """Set the simulated outputs of a temporary register, where it is there; its owner keeps it, if it lives.
+
+    Another process rescues where the owner is gone, or stands still: nobody else would delete it.
+    """
+    if Path(path).exists():
+        set_register(path, volts)
+        if os.getpid() != owner:
+            Path(path).unlink(missing_ok=True)
 
 
 def set_register(path: str, volts: FloatArray) -> None:

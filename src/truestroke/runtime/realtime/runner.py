@@ -4,7 +4,7 @@ import dataclasses
 import shutil
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,6 +51,7 @@ def run_realtime(
     overwrite: bool = False,
     show: Literal["live", "lines"] | None = None,
     server: Server | None = None,
+    begins: Callable[[], None] = lambda: None,
 ) -> Outcome:
     """Follow trajectories with hardware, in real time.
 
@@ -73,6 +74,8 @@ def run_realtime(
         A status line on stderr.
     server : EpicsSettings or LiveSettings, optional
         Publish the run by EPICS or as a live page, from a process of its own.
+    begins : callable, optional
+        Called once, where nothing forbids the run, before anything moves.
 
     Returns
     -------
@@ -111,6 +114,7 @@ def run_realtime(
             warnings.warn(notice, LatenessWarning, stacklevel=2)
         notices += late
         _check_room(driver, axes, timing, paths[0].absolute().parent)
+        begins()
         shared_metadata = {"realtime": settings, "clock": clock, "notices": notices, **(about or {})}
         abouts = [_about(driver, axis, timing, shared_metadata) for axis in axes]
         with grown(paths, overwrite) as (places, unused), closing(Shared(_layout(driver, axes, timing))) as shared:
