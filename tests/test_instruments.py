@@ -55,6 +55,11 @@ FILES = {
     "no time": LABVIEW.format("No", "X_Value\tA\tB") + rows(lambda _k, _t, v, z: f"\t{1e3 * v:.5f}\t{z:.7f}\n"),
     "times": LABVIEW.format("Multi", "X_Value\tA\tX_Value\tB")
     + rows(lambda _, t, v, z: f"{t:.6f}\t{1e3 * v:.5f}\t{t:.6f}\t{z:.7f}\n"),
+    "x": "Vertical Units,V,um\nSample Interval,1e-3\nvoltage,x\n" + rows(lambda _k, _t, v, z: f"{v:.7g},{z:.7g}\n"),
+    "Siglent": "Record Length,Analog:200\nVertical Units,CH1:mV,CH2:um\nHorizontal Units,s\nTime,CH1,CH2\n"
+    + rows(lambda _, t, v, z: f"{t:.6e},{1e3 * v:.8g},{z:.7g}\n"),
+    "Yokogawa in ms": TRACES.replace("1e-3,1e-3", "1.0,1.0").replace('"s","s"', '"ms","ms"')
+    + rows(lambda _k, _t, v, z: f",{1e3 * v:.8e},{z:.7e}\n"),
     "Yokogawa": TRACES + rows(lambda _k, _t, v, z: f",{1e3 * v:.8e},{z:.7e}\n"),
 }  # fmt: skip
 
@@ -80,6 +85,37 @@ def test_a_single_channel_is_no_record(tmp_path: Path) -> None:
     with pytest.raises(
         RecordError, match="'CH1' \\(V\\) is its only signal; put voltage and displacement side by side"
     ):
+        read_record(tmp_path / "a.csv")
+
+
+def test_a_column_without_a_name_may_be_the_other_signal(tmp_path: Path) -> None:
+    """The voltage was called the only signal, and no column was asked for."""
+    (tmp_path / "a.csv").write_text("t,V,\n" + rows(lambda _, t, v, z: f"{t},{v},{z}\n"))
+    with pytest.raises(RecordError, match="which column is displacement"):
+        read_record(tmp_path / "a.csv")
+
+
+def test_two_signals_that_begin_alike_are_two(tmp_path: Path) -> None:
+    """The first was taken of two that rest in the rows that are looked at."""
+    (tmp_path / "a.csv").write_text("V,z,z\n" + 250 * "0,0,0\n" + rows(lambda _k, _t, v, z: f"{v},{z},{z + 5}\n"))
+    with pytest.raises(RecordError, match="several columns could be it"):
+        read_record(tmp_path / "a.csv", sample_rate=1000.0)
+
+
+def test_a_step_without_names_leaves_the_rows_as_they_are(tmp_path: Path) -> None:
+    """Such a file was called damaged."""
+    (tmp_path / "a.csv").write_text("t0 = -0.5, tInc = 1e-3\n" + rows(lambda _k, _t, v, z: f"{v:.5f},{z:.5f}\n"))
+    np.testing.assert_allclose(
+        read_record(tmp_path / "a.csv", sample_rate=1e3, volts=1, displacement=2).volts, V, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("step", ["e", "-1e-3", "0"])
+def test_a_step_that_is_none_is_not_used(tmp_path: Path, step: str) -> None:
+    """Times of NaN, and such as descend, were held against the rows."""
+    text = f"voltage (V),z (um),tInc = {step},\n" + rows(lambda _k, _t, v, z: f"{v:.5f},{z:.5f},,\n")
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordError, match="which column is time"):
         read_record(tmp_path / "a.csv")
 
 

@@ -31,7 +31,7 @@ from truestroke.signals.noise import noise
 OF_DAY = 0.0, *(2.0 ** (-k / 2) for k in range(8, -1, -1))  # of what another day adds to the deviations of the weights
 NARROWER = 0.5, 0.7, 0.85  # times that of the model's own day: motion may be nearer to what its record shows
 PARTS, FEWEST = 4, 200  # of the record, each with the share of the others; samples: with fewer all of it
-BEYOND = 30.0  # times an error beyond the half width is added: least with the true 97 %, as errors depend on each other
+BEYOND = 30.0  # cost of 1 um beyond the half width: least where 97 % are within, 2 % more as errors are not independent
 HELD = 0.8  # of the samples in the interval, at least
 WORSE = 3.0  # times the residual of the model's own record
 LATEST = 0.5  # of the motion: until then its start ends where the voltage has been at all voltages

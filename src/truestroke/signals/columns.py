@@ -155,6 +155,9 @@ def _refuse_alone(source: str, table: Table, wanted: Wanted, found: Mapping[str,
     """RecordError where a file has nothing beside the time but one signal."""
     taken = {table.names[found["time"]].lower()} if "time" in found and table.names else set()
     others = [c for c, name in enumerate(table.names) if name and name.lower() not in ("time", "t", "x_value", *taken)]
+    unnamed = [c for c, name in enumerate(table.names) if not name and c < table.head.shape[1]]
+    if np.isfinite(table.head[:, unnamed]).all(axis=0).any():  # a signal, too, which the caller can name by its number
+        return
     if len(others) == 1 < table.width and wanted.role in ("volts", "displacement"):
         reason = (
             f"{_heading(table, others[0])} is its only signal; put voltage and displacement side by side in one file"
@@ -188,7 +191,7 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
     matches = next(filter(None, by_heading), [])
     if not matches and not wanted.certain:
         matches = [i for i in fits if table.units[i] in wanted.units]
-    if len(matches) > 1 and _are_one(table, matches):
+    if len(matches) > 1 and wanted.role == "time" and _are_one(table, matches):
         matches = matches[:1]
     if len(matches) > 1:
         several = ", ".join(_heading(table, i) for i in matches)
@@ -198,7 +201,10 @@ def _find(source: str, table: Table, wanted: Wanted, taken: set[int]) -> int | N
 
 
 def _are_one(table: Table, columns: Sequence[int]) -> bool:
-    """Whether columns have one name and the same first numbers, as the time that instruments write for each signal."""
+    """Whether columns have one name and the same first numbers, as the time that instruments write for each signal.
+
+    Of signals the same first numbers may be a rest before the motion.
+    """
     first = table.head[:, columns] if table.head.size else np.full((1, 2), np.nan)
     return len({table.names[c] for c in columns}) == 1 and bool(np.all(first == first[:, :1]))
 

@@ -58,7 +58,7 @@ def clipped_volts(volts: FloatArray, moved: FloatArray, quiet: float, rough: flo
             share = max(LEAST + WIDER * width / span, 1e-9)
             height = _height_of_mean(volts, moved, sign, ends, JUMP * span, rough, share * stroke, HIGH * stroke)
             known = int(np.argmax(volts <= volts.min() + width if sign > 0 else volts >= volts.max() - width))
-            later = [rows_of for rows_of in ends if rows_of[0] > known]  # than the other end: before, memory remains
+            later = [rows_of for rows_of in ends if rows_of[0] > known]  # the other end takes the memory of the start
             height = max(height, _spread(moved, later, rough, APART[0] * stroke))
             rows, most = rows + (int(sizes.sum()) if height else 0), max(most, height)
     return rows, most

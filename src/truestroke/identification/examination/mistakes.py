@@ -99,7 +99,7 @@ def _of_size(record: Record, found: Findings) -> Iterator[str]:
     moved, of_volts = record.columns["displacement"], record.columns["volts"]
     smallest = NANOMETRES if moved.stated and moved.unit == "nm" else STROKE[0]
     spans = f"the voltage spans {figures(volts, 4)} V for {figures(stroke)} um"
-    high = volts > HIGH_VOLTS and gain < HIGH_GAIN and of_volts.unit != "kV"  # nobody writes mV so
+    high = volts > HIGH_VOLTS and gain < HIGH_GAIN and of_volts.unit != "kV"  # a heading of kV never means mV
     if volts > VOLTS[1] or high:
         yield f"{spans}: is its unit right? If it is mV, say {of_volts.says('volts', 'mV')}"
     elif volts < VOLTS[0]:
@@ -296,7 +296,8 @@ def _lead(record: Record, found: Findings, turns: turning.Rows) -> str:
 def _of_means(record: Record, stroke: float) -> float:
     """The lag, rows, of means over a part of a stroke: rates from row to row are those of noise where there is much."""
     over = max(int(stroke / PART), 1)
-    x, z = (np.convolve(signal, np.full(over, 1 / over), "valid") for signal in (record.volts, record.displacement))
+    sums = (np.cumsum(signal - signal.mean()) for signal in (record.volts, record.displacement))
+    x, z = ((each[over:] - each[:-over]) / over for each in sums)  # a convolution takes rows times `over`
     return turning.rate_lag(x, z, int(stroke)) or 0.0
 
 

@@ -9,17 +9,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from truestroke.signals.tables.headings import name_and_unit, unit
+from truestroke.signals.tables.headings import UNITS, name_and_unit, unit
 
 UNIT_KEYS = "vertical units", "y_unit_label", "vunit"
 TIME_UNIT_KEYS = "horizontal units", "hunit", "x_dimension"
 STEP_KEYS = "delta_x", "hresolution", "sampling period", "sample interval"
 TRACES = "tracename"  # of Yokogawa: the names, above rows whose first cell is empty
-TIMES = "time", "x_value", "second", "x", "sequence", "t"
+TIMES = "time", "x_value"  # in any column, as beside each signal
+TIMES_IN_FRONT = "second", "x", "sequence", "t"  # in the first column alone: behind it x is a displacement
 FIRST_OF_TDS = "record length"
 OF_RIGOL = re.compile(r"tInc\s*=\s*([-+.\deE]+)\s*s?", re.IGNORECASE)
 START_OF_RIGOL = re.compile(r"t0\s*=.*", re.IGNORECASE)
 CHANNEL = re.compile(r"(CH\d)V", re.IGNORECASE)
+OF_SIGLENT = re.compile(r"CH\d:", re.IGNORECASE)  # before a unit
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,11 @@ def _of_rigol(rows: Sequence[Sequence[str]], width: int) -> Stated | None:
             return Stated(("time", *rows[-2][1:width]), ("s", *map(unit, rows[-1][1:width])), step, True)
     steps = [match for cell in rows[-1] if (match := OF_RIGOL.fullmatch(cell))]
     columns = [cell for cell in rows[-1][:width] if not OF_RIGOL.fullmatch(cell) and not START_OF_RIGOL.fullmatch(cell)]
-    if not steps or not all(columns):
+    if not steps or not columns or not all(columns):
         return None
     names, units = (tuple(each) for each in zip(*map(_of_channel, columns), strict=True))
-    timed = any(name.lower() in TIMES for name in names)
-    return Stated(names, units, 0.0 if timed else _number(steps[0][1]))
+    step = _number(steps[0][1])
+    return Stated(names, units, 0.0 if any(_times(names)) or not step > 0 else step)
 
 
 def _of_channel(text: str) -> tuple[str, str]:
@@ -105,18 +107,19 @@ def _of_keys(rows: Sequence[Sequence[str]], names: Sequence[str], units: Sequenc
         names, units = last[1 : width + 1], ("",) * width
     if len(names) != width:
         return None
-    values = [c for c, name in enumerate(names) if name and name.lower() not in TIMES]
+    times = _times(names)
+    values = [c for c, name in enumerate(names) if name and not times[c]]
     texts = [cell for cell in of_values[1:] if cell and cell.lower() not in UNIT_KEYS]
     found = list(units)
     for k, c in enumerate(values):
         text = texts[k] if len(texts) == len(values) else of_values[c] if c < len(of_values) else ""
-        found[c] = found[c] or unit(text)
+        found[c] = found[c] or unit(OF_SIGLENT.sub("", text))
     of_time = next((held[key][1].lower() for key in TIME_UNIT_KEYS if len(held.get(key, [])) > 1), "")
     of_time = of_time.replace("time", "s")  # of LabVIEW, whose times are in s
-    found = [of or unit(of_time) if name.lower() in TIMES else of for name, of in zip(names, found, strict=True)]
-    timed = not replaces and any(name.lower() in TIMES for name in names)
+    found = [of or unit(of_time) if time else of for time, of in zip(times, found, strict=True)]
+    timed = not replaces and any(times)
     steps = [_number(cell) for key in STEP_KEYS for cell in held.get(key, [])[1:] if cell]
-    step = 0.0 if timed or not steps or not steps[0] > 0 else steps[0]
+    step = 0.0 if timed or not steps or not steps[0] > 0 else steps[0] * UNITS["time"].get(unit(of_time), 1.0)
     return Stated(tuple(names), tuple(found), step, replaces and step > 0)
 
 
@@ -135,7 +138,7 @@ def beside(rows: Sequence[Sequence[str]], width: int) -> Stated | None:
         return None
     full = [row for row in rows if len(row) >= width]
     signals = [c for c in range(width) if all(not math.isnan(_number(row[c])) for row in full)]
-    starts = [c for c, cell in enumerate(rows[0][:width]) if cell.lower() == FIRST_OF_TDS]
+    starts = [c for c, cell in enumerate(rows[0][: width - 1]) if cell.lower() == FIRST_OF_TDS]
     names, units = [""] * width, [""] * width
     for start, stop in zip(starts, [*starts[1:], width], strict=True):
         stated_here = {row[start].lower(): row[start + 1] for row in full if row[start]}
@@ -145,6 +148,11 @@ def beside(rows: Sequence[Sequence[str]], width: int) -> Stated | None:
             names[c] = "TIME" if not k else source if k == 1 else f"{source}:{k}"
             units[c] = unit(stated_here.get("vertical units", "")) if k == 1 else "" if k else "s"
     return Stated(tuple(names), tuple(units)) if signals else None
+
+
+def _times(names: Sequence[str]) -> list[bool]:
+    """Whether each column is the time, by its name."""
+    return [name.lower() in TIMES or (c == 0 and name.lower() in TIMES_IN_FRONT) for c, name in enumerate(names)]
 
 
 def _number(text: str) -> float:
