@@ -5,7 +5,8 @@ resonance and damping of its own. A record of rasters at the rate of the scan, t
 as `truestroke identify` does it. On another day an image of 512 columns is scanned open loop, and `truestroke unwarp`
 corrects it. With --changed 1 stroke and width of the loop differ by a per cent then, rms: what no model knows without
 a sensor. Printed are the shifts of the retrace against the trace, and the largest error of the places of the pixels,
-but for one shift of all, in pixels of 512. With --noise and --steps the voltage is that of a monitor.
+but for one shift of all, in pixels of 512. With --noise and --steps the voltage is that of a monitor, with --rows
+the record has more rows.
 """
 
 from __future__ import annotations
@@ -60,11 +61,11 @@ def stage_of(number: int, changed: float) -> tuple[StageSettings, StageSettings]
     return settings, later
 
 
-def model_of(settings: StageSettings, rate: float, seed: int) -> truestroke.Model:
-    """Of the axis, from rasters of some widths, one after the other."""
+def model_of(settings: StageSettings, rate: float, seed: int, rows: int = 16) -> truestroke.Model:
+    """Of the axis, from rasters of some widths and so many rows, one after the other."""
     gain = settings.stroke / settings.voltage_limits[1]
     parts = [
-        scans.raster(width=width, lines=16, rate=rate, sample_rate=FS, offset=(OFFSET, OFFSET)).axes[0].position
+        scans.raster(width=width, lines=rows, rate=rate, sample_rate=FS, offset=(OFFSET, OFFSET)).axes[0].position
         for width in WIDTHS
     ]
     volts = np.concatenate(parts) / gain
@@ -79,10 +80,10 @@ def monitored(volts: np.ndarray, noise: float, step: float, seed: int) -> np.nda
     return np.round(read / step) * step if step else read
 
 
-def shown(number: int, rate: float, changed: float, noise: float = 0.0, step: float = 0.0) -> Shown:
+def shown(number: int, rate: float, changed: float, noise: float = 0.0, step: float = 0.0, rows: int = 16) -> Shown:
     """What a stage shows whose voltage is recorded with this noise and in such steps, V."""
     before, later = stage_of(number, changed)
-    model = model_of(before, rate, number)
+    model = model_of(before, rate, number, rows)
     scan = scans.raster(width=WIDTH, lines=ROWS, rate=rate, sample_rate=FS, offset=(OFFSET, OFFSET))
     gain = before.stroke / before.voltage_limits[1]
     volts = [axis.position / gain for axis in scan.axes]
@@ -113,13 +114,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="number of the first stage; every second one is taken")
     parser.add_argument("--rate", type=float, default=4.0, help="rows per second, Hz")
     parser.add_argument("--changed", type=float, default=0.0, help="stroke and loop on the day of the scan, %% rms")
+    parser.add_argument("--rows", type=int, default=16, help="of each raster of the record")
     parser.add_argument("--noise", type=float, default=0.0, help="of a sample of the monitor, mV")
     parser.add_argument("--steps", type=float, default=0.0, help="of its converter, mV")
     asked = parser.parse_args()
     print("stage  structure  before   after  places   pixels of 512")
     every = []
     for number in range(asked.first, asked.first + 2 * asked.plants, 2):
-        one = shown(number, asked.rate, asked.changed, asked.noise / 1000, asked.steps / 1000)
+        one = shown(number, asked.rate, asked.changed, asked.noise / 1000, asked.steps / 1000, asked.rows)
         every.append(one)
         kind = stage_of(number, 0.0)[0].hysteresis_kind
         print(f"{number:5}  {kind:9}  {one.before:6.2f}  {one.after:6.3f}  {one.places:6.2f}", flush=True)

@@ -521,7 +521,17 @@ def test_a_table_of_many_columns_does_not_scroll_sideways_on_a_phone(tmp_path: P
     columns = ["controller", "distortion", "rms", "trace-retrace", "seen shift", "x rms", "y rms"]
     rows = [["truestroke", "60.99 px", "33.31 px", "66.96 px", "67.55 px", "1.09 um", "713 nm"], ["none", "no image"]]
     long = ["first resonance", "699.997 Hz +- 0.014 Hz, damping 0.02", "of 1 mode, trusted to 1161.7 Hz"]
-    tables = Table(columns=columns, rows=rows), Table(columns=["", "found", "beside"], rows=[long])
+    fast = ["% rms of peak to peak", "controller", "straight line", "held", "failed"]
+    runs = ["after f0 jumps, dynamics measured", "0.352 / 11.2 / 13.4", "1.35 / 11.2 / 13.4", "0.35 / 11.2 / 1034", "0"]
+    sensor = ["displacement, overcompensated", "12.5 nm", "699.997 Hz", "0.5 um"]
+    tables = (
+        Table(columns=columns, rows=rows),
+        Table(columns=["", "found", "beside"], rows=[long]),
+        Table(columns=fast, rows=[runs]),
+        Table(columns=["sensor", "measured", "frequency", "amplitude"], rows=[sensor]),
+        Table(columns=["harmonic", "amplitude", "phase", "gain"], rows=[["1", "12.5 nm", "0.2 rad", "3"]]),
+    )
+    assert [table.many for table in tables] == [True, False, True, True, False]
     made = Page(title="a scan", lead="", sections=(Section(heading="", tables=tables),), plots=lambda _: {})
     file = made.save(tmp_path / "page.html")
     with look.chromium() as browser:

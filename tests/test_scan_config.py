@@ -265,6 +265,51 @@ def test_a_configuration_that_does_not_fit_is_named(tmp_path, change, words) -> 
     assert not list(tmp_path.glob("*.h5"))
 
 
+FAST = """
+[driver]
+name = "simulated"
+sample_rate = 10000.0
+channels = 2
+signals = [{name = "height", sample = "texture"}]
+
+[scan]
+width = 10.0
+lines = 8
+rate = 200.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "bound"),
+    [
+        ("raster", 200.0, ""),
+        ("raster", 300.0, ""),
+        ("raster", 301.0, "scan.rate = 301.0 Hz: must be at most 300 Hz, a third of the first resonance of axis x"),
+        ("raster", 900.0, "scan.rate = 900.0 Hz: must be at most 625 Hz, for 16 ticks of 10000 Hz a period"),
+        ("lissajous", 400.0, ""),
+        ("lissajous", 460.0, "scan.rate = 460.0 Hz: must be at most 450 Hz, a half of the first resonance of axis x"),
+        ("spiral", 350.0, ""),
+        ("spiral", 360.0, "scan.rotation = 360.0 Hz: must be at most 350 Hz, a half of the first resonance of axis y,"),
+    ],
+)
+def test_lines_that_ticks_or_stage_cannot_follow_are_refused(tmp_path, kind, rate, bound) -> None:
+    """900 rows a second at 5 kHz were 114 um beside a stroke of 30 um, and only the verdict said so."""
+    text = FAST + AXES
+    for resonance in (900.0, 700.0):  # axis x, then y
+        text = text.replace("slew = 4000.0", f"slew = 4e4\nresonance = {resonance}", 1)
+    words = {"raster": f"rate = {rate}", "lissajous": f"rate = {rate}", "spiral": f"rotation = {rate}"}[kind]
+    text = text.replace("rate = 200.0", f'kind = "{kind}"\n{words}')
+    if kind != "raster":
+        text = text.replace("lines = 8", "").replace("width = 10.0", "diameter = 10.0" if kind == "spiral" else "")
+    (tmp_path / "scan.toml").write_text(text)
+    if not bound:
+        assert config.load(tmp_path / "scan.toml").imaging is not None
+        return
+    with pytest.raises(SettingError) as refused:
+        config.load(tmp_path / "scan.toml")
+    assert bound in str(refused.value)
+
+
 def test_a_single_axis_is_asked_for_a_second(tmp_path) -> None:
     """It was `must be two of the axes: x`."""
     (tmp_path / "scan.toml").write_text(SIMULATED + "[[axis]]".join(AXES.split("[[axis]]")[:2]))

@@ -25,6 +25,8 @@ from truestroke.report import charts, style, units
 from truestroke.report.charts import Chart
 from truestroke.report.style import Theme
 
+MANY = 6  # columns that a phone never shows side by side
+PHONE, LETTER, GAP = 320.0, 10.0, 12.0  # px: a page within its margins, a letter, what is between two columns
 IN_SCRIPT = str.maketrans({"<": "\\u003c", "&": "\\u0026"})  # letters of HTML and XML inside JSON
 NARROW = 0.85  # of the standard width: a picture that is narrower remains so, and on a phone is as wide as that
 IMAGE = re.compile(
@@ -67,6 +69,18 @@ class Table:
     kind: Literal["summary", "numbers", "words"] = "numbers"
     text: bool = False
     note: str = ""
+
+    @property
+    def many(self) -> bool:
+        """Whether it stands row by row on a phone: it has many columns, or words that are too long side by side."""
+        if len(self.columns) >= MANY or self.kind != "numbers":
+            return len(self.columns) >= MANY
+        lines = [cells for cells in (self.columns, *self.rows) if len(cells) == len(self.columns)]
+        widest = (
+            max(len(word) for cell in column for word in [*str(cell).split(), ""])
+            for column in zip(*lines, strict=True)
+        )
+        return LETTER * sum(widest) + GAP * (len(self.columns) - 1) > PHONE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ import numpy as np
 from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.base.files import FileError
+from truestroke.control import feasibility
 from truestroke.control.actuator import ActuatorModel
 from truestroke.control.controller import AdaptiveController, Controller
 from truestroke.control.model_file import BadModelError, ModelFileError, usable_model
@@ -28,7 +29,7 @@ from truestroke.runtime.drivers.single_channel import SingleChannel
 from truestroke.runtime.drivers.turned import Turned
 from truestroke.runtime.realtime.coupled import couple
 from truestroke.runtime.realtime.epics import EpicsSettings
-from truestroke.runtime.realtime.imaging import Imaging, imaging
+from truestroke.runtime.realtime.imaging import Imaging, check_stage, imaging
 from truestroke.runtime.realtime.live_page import LiveSettings
 from truestroke.runtime.realtime.motion import SetPoint
 from truestroke.runtime.realtime.settings import Axis, RealtimeSettings, files_of
@@ -226,6 +227,9 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
             if read.coupled is not None and table.period is not None:
                 raise SettingError("period", table.period, "left out, and in [coupled]: all axes learn it", "s")
             axes.append(_axis(table, folder, rate, image))
+    if image is not None:
+        with checks.inside("scan."):
+            check_stage(image, {axis.name: feasibility.first_mode(axis.controller) for axis in axes})
     frame = None
     if read.coupled is not None:
         with checks.inside("coupled."):

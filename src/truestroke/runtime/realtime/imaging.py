@@ -9,6 +9,8 @@ from typing import Any, Literal
 
 from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
+from truestroke.control.repeating.repetition import SHORTEST
+from truestroke.model.dynamics import Mode
 from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.signals import scans
 from truestroke.signals.scans.motions import LEAD_OUT
@@ -16,6 +18,8 @@ from truestroke.signals.scans.scan import Scan
 from truestroke.signals.timing import LONGEST_AGO
 
 LEAST = 2  # pixels of a row
+SLOWER = {"raster": (3, "third"), "spiral": (2, "half"), "lissajous": (2, "half"), "cycloid": (2, "half")}
+"""By how much the fast motion is slower than the first resonance: lines have harmonics, sines have none."""
 SCANS = {kind: getattr(scans, kind) for kind in ("raster", "spiral", "lissajous", "cycloid")}
 
 
@@ -90,9 +94,11 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     made: Scan = toml.decode(SCANS[table.kind], usual | dict(given), also=own)
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
-    asked = checks.count("columns", table.columns, LEAST, 10**5)
+    asked, key = checks.count("columns", table.columns, LEAST, 10**5), _paced(made)
+    if (pace := float(made.settings[key])) * SHORTEST > rate * (1 + 1e-9):  # type: ignore[arg-type]
+        bound = f"at most {rate / SHORTEST:g} Hz, for {SHORTEST} ticks of {rate:g} Hz a period: scan slower, or "
+        raise SettingError(key, pace, f"{bound}sample at {SHORTEST * pace:g} Hz or more", "Hz")
     if (columns := scans.pixels_of(made, asked)) < LEAST:
-        key = "rotation" if table.kind == "spiral" else "rate"
         most = f"so low that the ticks of a line at {rate:g} Hz fill {LEAST} pixels, not {columns}"
         raise SettingError(
             key, made.settings[key], f"{most}: scan slower, in more lines, with shorter turns, or sample faster", "Hz"
@@ -109,6 +115,30 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
         columns=columns,
         notice=notice if fewer else "",
     )
+
+
+def check_stage(image: Imaging, modes: Mapping[str, Mode | None]) -> None:
+    """Refuse lines or turns that are too fast for the first mode of an axis, by its name, where it is known.
+
+    Raises
+    ------
+    SettingError
+        Names the rate, the bound, the axis and its resonance, Hz.
+    """
+    scan, key = image.scan, _paced(image.scan)
+    times, part = SLOWER[scan.name]
+    pace = float(scan.settings[key])  # type: ignore[arg-type]
+    fast = {name: modes.get(name) for name in (image.axes if scan.name == "spiral" else image.axes[:1])}
+    for name, mode in fast.items():
+        if mode is not None and pace * times > mode.frequency * (1 + 1e-9):
+            most = f"at most {mode.frequency / times:.4g} Hz, a {part} of the first resonance of axis {name}, "
+            most += f"{mode.frequency:.4g} Hz: scan slower, or correct the resonance or dynamics of the axis"
+            raise SettingError(key, pace, most, "Hz")
+
+
+def _paced(scan: Scan) -> str:
+    """The key of the rate of lines or turns."""
+    return "rotation" if scan.name == "spiral" else "rate"
 
 
 def _until_measured(driver: Driver) -> int:
