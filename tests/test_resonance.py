@@ -188,6 +188,14 @@ def test_a_sine_with_a_harmonic_near_the_resonance_shows_it_by_the_weights_that_
     assert 100 * np.std(error) < 0.2 * span
 
 
+def test_a_harmonic_that_grows_at_the_resonance_does_not_hide_the_stage() -> None:
+    """The fifth of 46.4 Hz beside 207.5 Hz was a load of 227.6 to 229.8 Hz for 2.3 s, with errors of 3 %."""
+    recording = record(27182, 125, "unknown")
+    later = recording["time"] >= recording["time"][-1] / 2
+    error, span = (recording["true"] - recording["desired"])[later], np.ptp(recording["desired"][later])
+    assert np.max(np.abs(error)) < 0.005 * span
+
+
 def test_an_amplifier_slower_than_the_resonance_is_damped_with_its_phase() -> None:
     """1768 Hz behind 507 Hz: six ticks in place of two turn the active damping into its opposite, 603 %."""
     recording = record(16, 138, "unknown")

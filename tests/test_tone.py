@@ -65,6 +65,15 @@ def test_the_motion_beside_the_centre_is_no_load(motion: float, centre: float) -
     assert heard(load, motion, centre, rate).shown(0.9, 20.5) * rate == pytest.approx(1.07 * centre, rel=0.01)
 
 
+def test_what_is_near_a_harmonic_is_no_load_beside_a_stage() -> None:
+    """A harmonic that grows at a resonance turns its phase: 229.6 Hz in place of the fifth of 46.4 Hz, 232."""
+    sine = np.sin(2 * np.pi * 229.6 * np.arange(9000) / 5000.0)
+    tone = heard(sine, 46.4, 193.0, 5000.0)
+    assert tone.shown(0.9, 40.5) * 5000.0 == pytest.approx(229.6, rel=0.01)  # what is listened for
+    assert tone.of_load == 0  # beside a stage
+    assert heard(sine, 44.5, 193.0, 5000.0).of_load * 5000.0 == pytest.approx(229.6, rel=0.01)  # 5.16 times that
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_is_no_load(seed: int) -> None:
     assert heard(np.random.default_rng(seed).standard_normal(4000), 5.0, 100.0).of_load == 0

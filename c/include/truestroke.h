@@ -531,6 +531,8 @@ typedef struct {
 } ts_tone;
 
 #define TS_STEADY_TONE ((ts_real)0.95) /* of the square of a block: its product with the one before, where a tone is no ringing: it neither decays nor grows */
+#define TS_OFF_HARMONIC ((ts_real)0.04)  /* of the motion's frequency: what is nearer to a harmonic is not distinguished from it, */
+#define TS_OFF_HARMONIC_OF_STAGE ((ts_real)0.12) /* nor this from one that grows or shrinks where the stage rings at it */
 #define TS_ORDERS_OF_STAGE ((ts_real)40.5) /* of a harmonic of the motion, as 840 Hz of lines of 40 Hz, at which the stage rings */
 #define TS_OF_LOAD ((ts_real)0.35) /* of the frequency of a load: what is shown so near to it is the load */
 
@@ -540,8 +542,9 @@ TS_API void ts_tone_begin(ts_tone *t, ts_real centre);
 /* One tick: measured less desired (um), desired rate (um/s). */
 TS_API void ts_tone_tick(ts_tone *t, ts_real error, ts_real zdot_d);
 
-/* The frequency of a tone that is so `steady`, and no harmonic of the motion up to `orders`, cycles per tick; 0: there is none. */
-TS_API ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders);
+/* The frequency of a tone that is so `steady`, and not within `off` of a harmonic of the motion up to `orders`, cycles per tick; 0: there is
+ * none. */
+TS_API ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders, ts_real off);
 
 /* Of what is about the frequency: its amplitude, um. */
 TS_API ts_real ts_tone_amplitude(const ts_tone *t);

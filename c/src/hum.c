@@ -417,7 +417,7 @@ static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
     bool anew = !(e->centre > 0);
     if (!anew && e->tone.blocks >= BLOCKS_HEARD) {
         bool of_error = e->of_error > 0 || !explains(c);
-        ts_real shown = ts_tone_of_load(&e->tone, steady_load(c, of_error), ORDERS);
+        ts_real shown = ts_tone_of_load(&e->tone, steady_load(c, of_error), ORDERS, TS_OFF_HARMONIC);
         if (shown > 0) hear(c, shown, ts_tone_amplitude(&e->tone), false);
         e->centre *= NEXT_OF_EAR;
         if (e->centre < lowest) e->of_error = 1 - e->of_error;
@@ -432,7 +432,7 @@ static void listen_about(ts_controller *c, ts_ear *e, ts_real first, ts_real low
 static void hear_beyond(ts_controller *c, const ts_ear *e, ts_real lowest)
 {
     ts_real noise = STEADY_BEYOND / root_of((ts_real)e->tone.blocks), amplitude = ts_tone_amplitude(&e->tone);
-    ts_real shown = ts_tone_of_load(&e->tone, noise > LEAST_STEADY ? noise : LEAST_STEADY, 0);
+    ts_real shown = ts_tone_of_load(&e->tone, noise > LEAST_STEADY ? noise : LEAST_STEADY, 0, TS_OFF_HARMONIC);
     ts_real share = amplitude * amplitude / 2 * (ts_real)e->tone.passed;
     if (shown > lowest && share > LEAST_BEYOND * e->power) hear(c, shown, amplitude, true);
 }

@@ -428,7 +428,8 @@ static ts_real next_centre(ts_resonance *r, const ts_window *w, ts_real lowest, 
 /* A load that the window sees is no resonance: what the window shows near it, or points to, is not that of the stage. */
 static void pass_over_load(ts_resonance *r, ts_window *w, const ts_search *search)
 {
-    ts_real tone = ts_tone_of_load(&r->tone, search->steady, TS_ORDERS_OF_STAGE), amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
+    ts_real tone = ts_tone_of_load(&r->tone, search->steady, TS_ORDERS_OF_STAGE, TS_OFF_HARMONIC_OF_STAGE);
+    ts_real amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
     if (r->load > most) r->load = most;
     if (!(tone > 0) || !(r->power < search->loudest)) return;
     if (amplitude > r->load) r->load = amplitude;

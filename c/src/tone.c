@@ -6,7 +6,6 @@
 #define BLOCK_PERIODS 4                /* of the centre: a block */
 #define LONGEST_BLOCK ((ts_real)1e8)   /* ticks */
 #define FEWEST_BLOCKS 9                /* of a window, half a block after each other: fewer show nothing */
-#define OFF_HARMONIC ((ts_real)0.04)   /* of the motion's frequency: what is nearer to a harmonic is not distinguished from it */
 #define OFF_MOTION ((ts_real)0.01)     /* the same, of the motion itself, where it is so far from the centre that it shows another frequency: */
 #define MOST_TURNS 3                   /* by so many turns in half a block, at most */
 
@@ -94,7 +93,7 @@ static ts_real frequency_of(const ts_tone *t)
     return (BLOCK_PERIODS + 2 * half_angle / TS_PI) / (ts_real)t->block;
 }
 
-ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders)
+ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders, ts_real off)
 {
     ts_real larger = t->power[t->power[0] > t->power[1] ? 0 : 1];
     if (t->blocks < FEWEST_BLOCKS || !(root_of(square_of(t->product)) > steady * larger)) return 0;
@@ -102,7 +101,7 @@ ts_real ts_tone_of_load(const ts_tone *t, ts_real steady, ts_real orders)
     if (t->turns < 2) return frequency;
     ts_real period = (t->last - t->first) / (ts_real)(t->turns - 1), order = frequency * period;
     if (!(order >= 0 && order < orders)) return frequency;
-    if (!(size_of(order - (ts_real)(int)(order + (ts_real)0.5)) > OFF_HARMONIC)) return 0;
+    if (!(size_of(order - (ts_real)(int)(order + (ts_real)0.5)) > off)) return 0;
     ts_real apart = 2 * period / (ts_real)t->block, beside = size_of(order - 1);
     for (int turns = 1; turns <= MOST_TURNS; turns++)
         if (!(size_of(beside - (ts_real)turns * apart) > OFF_MOTION)) return 0;

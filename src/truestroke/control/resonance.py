@@ -7,7 +7,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.angles import arctangent, tangent
-from truestroke.control.tone import OF_LOAD, ORDERS_OF_STAGE, STEADY_TONE, ToneDetector
+from truestroke.control.tone import OF_LOAD, OFF_HARMONIC_OF_STAGE, ORDERS_OF_STAGE, STEADY_TONE, ToneDetector
 
 SHOWN = 7  # plays that stand for the hysteresis: TS_SHOWN of the kernel
 BAND, HIGH, THIRD, LOW = range(SHOWN, SHOWN + 4)  # of the measurement: places behind the plays
@@ -371,7 +371,7 @@ class ResonanceEstimator:
 
     def _passed_over_load(self, window: _Window, loudest: float, steady: float) -> _Window:
         """What a window shows that may see a load: near to that, or pointing to it, it is no resonance."""
-        load, amplitude = self._tone.shown(steady, ORDERS_OF_STAGE), self._tone.amplitude
+        load, amplitude = self._tone.shown(steady, ORDERS_OF_STAGE, OFF_HARMONIC_OF_STAGE), self._tone.amplitude
         self.load = min(self.load, math.sqrt(2 * self.power))
         if not load > 0 or not self.power < loudest:
             return window

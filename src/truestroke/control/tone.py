@@ -9,7 +9,8 @@ LONGEST_BLOCK = 1e8  # ticks
 FEWEST_BLOCKS = 9  # of a window, half a block after each other: fewer show nothing
 STEADY_TONE = 0.95  # of the square of a block: its product with the one before; a steady tone neither decays nor grows
 ORDERS_OF_STAGE = 40.5  # of a harmonic of the motion, as 840 Hz of lines of 40 Hz, at which the stage rings
-OFF_HARMONIC = 0.04  # of the motion's frequency: what is nearer to a harmonic is not distinguished from it
+OFF_HARMONIC = 0.04  # of the motion's frequency: what is nearer to a harmonic is not distinguished from it,
+OFF_HARMONIC_OF_STAGE = 0.12  # nor this from one that grows or shrinks where the stage rings at it
 OFF_MOTION = 0.01  # the same, of the motion itself, so far from the centre that it shows another frequency:
 MOST_TURNS = 3  # by so many turns in half a block, at most
 OF_LOAD = 0.35  # of the frequency of a load: what is shown so near to it is the load
@@ -87,12 +88,13 @@ class ToneDetector:
     @property
     def of_load(self) -> float:
         """The frequency of a steady tone that is no harmonic of the motion, cycles per tick; 0: there is none."""
-        return self.shown(STEADY_TONE, ORDERS_OF_STAGE)
+        return self.shown(STEADY_TONE, ORDERS_OF_STAGE, OFF_HARMONIC_OF_STAGE)
 
-    def shown(self, steady: float, orders: float) -> float:
+    def shown(self, steady: float, orders: float, off: float = OFF_HARMONIC) -> float:
         """The same, where the product of a block and the one before is such a share of the squares.
 
-        orders: of harmonics of the motion; a higher one is not distinguished from a load.
+        orders: of harmonics of the motion; a higher one is not distinguished from a load. off: of the motion's
+        frequency; what is nearer to a harmonic is none.
         """
         larger = max(self._later, self._earlier)
         if self._blocks < FEWEST_BLOCKS or not math.sqrt(_square(self._product)) > steady * larger:
@@ -104,7 +106,7 @@ class ToneDetector:
         order = frequency * period
         if not 0 <= order < orders:
             return frequency
-        if not abs(order - int(order + 0.5)) > OFF_HARMONIC:
+        if not abs(order - int(order + 0.5)) > off:
             return 0.0
         apart, beside = 2 * period / self._block, abs(order - 1)
         for turns in range(1, MOST_TURNS + 1):
