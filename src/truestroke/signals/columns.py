@@ -131,7 +131,8 @@ def read_columns(
         if index is not None and index not in found.values():
             found[w.role] = index
         elif w.needed:
-            _refuse_alone(source, table, w, found)
+            if {"volts", "displacement"} <= {each.role for each in wanted if each.needed}:
+                _refuse_alone(source, table, w, found)
             known = f"Head it {w.heading}" if w.heading else f"Name it by `{w.role}`"
             remedy = f"{known} or give {w.instead}" if w.instead else known
             raise RecordError(source, f"which column is {w.role}? {remedy}; {_listing(table)}")
