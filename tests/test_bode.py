@@ -265,14 +265,25 @@ def test_where_the_response_is_lost_below_the_band_a_longer_excitation_is_asked_
     assert helped.dynamics.modes[0].frequency == pytest.approx(15.0, rel=0.001)
 
 
+def test_noise_below_the_resonance_asks_for_the_amplitude_that_helps_not_for_a_duration_that_does_not() -> None:
+    settings = StageSettings(
+        sample_rate=5000.0, resonances=(689.0,), dampings=(0.011,), amplifier_bandwidth=200.0, noise=0.18
+    )
+    for options, level in (({}, "bad"), ({"duration": 6.0}, "bad"), ({"amplitude": 0.4, "slew_limit": 1e4}, "good")):
+        found = measure_bode(StagePlant(settings, seed=150), **LIMITS, **options)
+        assert found.verdict.level == level
+        words = "" if found.verdict.reasons == () else found.verdict.reasons[0]
+        assert words.endswith("raise `amplitude`.") == found.verdict.is_bad
+
+
 def test_a_travel_that_was_given_is_named_where_more_of_it_helps() -> None:
     """A smaller amplitude keeps within it, and is lost in noise then; each remedy asked for the other."""
     known = {"duration": 0.5, "travel": 0.3}
     with pytest.raises(DynamicsError, match=r"or, where the stage may go so far, a larger `travel`$"):
         measure_bode(StagePlant(), **LIMITS, **known)
-    with pytest.raises(DynamicsError, match=r"raise `amplitude` and, with it, `travel` \(0\.3 um\), or `duration`"):
+    with pytest.raises(DynamicsError, match=r"raise `amplitude` and, with it, `travel` \(0\.3 um\), or look"):
         measure_bode(StagePlant(), **LIMITS, **known, amplitude=0.0005)
-    with pytest.raises(DynamicsError, match="raise `amplitude` or `duration`"):
+    with pytest.raises(DynamicsError, match="raise `amplitude`, or look"):
         measure_bode(StagePlant(), **LIMITS, duration=0.5, amplitude=0.0005)
 
 

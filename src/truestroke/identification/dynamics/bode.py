@@ -100,14 +100,21 @@ class SmallMotion:
 
     @property
     def louder(self) -> str:
-        """What makes the stage answer more clearly, in words."""
+        """What makes the stage answer more clearly, in words: a longer record has more lines, each as faint."""
         if self.wanted_slew <= self.slew_limit:
-            further = "" if math.isinf(self.travel) else f" and, with it, `travel` ({figures(self.travel)} um),"
-            return f"raise `amplitude`{further} or `duration`"
+            further = "" if math.isinf(self.travel) else f" and, with it, `travel` ({figures(self.travel)} um)"
+            return f"raise `amplitude`{further}"
         return (
             f"raise the slew limit, {self.slew_limit:g} V/s, which makes the excitation small: up to "
             f"{figures(self.wanted_slew)} V/s helps, as does a lower `band`"
         )
+
+    @property
+    def finer(self) -> str:
+        """The same, or what shows a peak that is narrower than the spacing of the lines."""
+        if self.wanted_slew > self.slew_limit:
+            return self.louder
+        return f"{self.louder}{'' if math.isinf(self.travel) else ','} or `duration`"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -288,7 +295,7 @@ def _no_resonance(used: Spectra, record: SmallMotion) -> NoResonanceError:
     excited = record.excitation.frequency[-1]
     wide = excited > ALL * SEEN * rate
     if high < ALL * excited:
-        remedy = record.louder if wide else f"{record.louder}; if none is seen then, use a higher `band` ({sees})"
+        remedy = record.finer if wide else f"{record.finer}; if none is seen then, use a higher `band` ({sees})"
     elif wide:
         remedy = f"raise the sample rate ({sees})"
     else:
@@ -387,7 +394,7 @@ def _judged(dynamics: Dynamics, fit: Fit, whole: Spectra, record: SmallMotion, k
     model = np.asarray(at) * (np.interp(centre, f, known.real) + 1j * np.interp(centre, f, known.imag)) / fit.gain
     first = dynamics.modes[0].frequency
     missed = np.abs(difference - _of_hysteresis(centre, difference, scatter, SPRING * first))
-    trusted, findings = _findings(first, centre, coherence, missed, scatter, record.louder)
+    trusted, findings = _findings(first, centre, coherence, missed, scatter, record)
     findings += _of_the_amplifier(dynamics)
     dynamics = _trusted(dynamics, trusted)
     return Bode(
@@ -421,7 +428,12 @@ def _trusted(dynamics: Dynamics, frequency: float) -> Dynamics:
 
 
 def _findings(
-    first: float, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray, louder: str
+    first: float,
+    f: FloatArray,
+    coherence: FloatArray,
+    residual: FloatArray,
+    scatter: FloatArray,
+    record: SmallMotion,
 ) -> tuple[float, list[tuple[Level, str]]]:
     """Up to which frequency the model is right, and what is not good; `first` is that of the first resonance, Hz."""
     misfit = _together((residual - CERTAIN * scatter > MISFIT) & (f > LOW * first))
@@ -432,7 +444,7 @@ def _findings(
     findings: list[tuple[Level, str]] = []
     if trusted < 0.5 * first:
         reason = f"The model may be trusted to {figures(trusted)} Hz only, the first resonance is at {first:.4g} Hz"
-        findings.append(("bad", f"{reason}: {louder}."))
+        findings.append(("bad", f"{reason}: {record.finer if misfit[end] else record.louder}."))
     elif trusted < first:
         findings.append(("doubtful", f"The model may be trusted to {figures(trusted)} Hz, below the first resonance."))
     around = misfit & (f < 1.3 * first)
