@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -216,14 +217,73 @@ def test_a_band_below_the_resonance_is_what_is_widened() -> None:
         measure_bode(StagePlant(), **LIMITS, band=(50.0, 60.0))
 
 
+def test_a_resonance_in_the_gap_of_what_is_seen_is_found() -> None:
+    """At lines of 0.5 Hz the peak at 15 Hz is not seen; the fit began at 20 Hz and stopped at 16, its bound."""
+    settings = StageSettings(sample_rate=2000.0, resonances=(15.0,), dampings=(0.0185,), hysteresis_kind="bouc-wen")
+    found = measure_bode(StagePlant(settings, seed=26), **LIMITS, seed=26)
+    assert found.verdict.level == "good"
+    assert found.dynamics.modes[0].frequency == pytest.approx(15.0, rel=0.005)
+    assert found.dynamics.modes[0].damping == pytest.approx(0.0185, rel=0.15)
+
+
+def test_a_peak_behind_a_slow_amplifier_is_found_below_lines_that_seem_high_by_chance() -> None:
+    """It was refused for no resonance up to 8000 Hz: two noisy lines there were the peak."""
+    settings = StageSettings(
+        sample_rate=20_000.0, resonances=(92.5,), dampings=(0.02508,), amplifier_bandwidth=9.25, noise=0.0402,
+        hysteresis_kind="preisach",
+    )  # fmt: skip
+    found = measure_bode(StagePlant(settings, seed=43), **LIMITS, seed=43)
+    assert found.dynamics.modes[0].frequency == pytest.approx(92.5, rel=0.005)
+
+
+def test_a_bandwidth_of_the_amplifier_that_is_not_known_is_not_good_and_that_of_the_data_sheet_mends_it() -> None:
+    """The lag had 48 in place of 29 Hz, 85 at one standard deviation, and the response 64 % too much: `good`."""
+    settings = StageSettings(
+        sample_rate=2000.0, resonances=(288.9,), dampings=(0.0035,), amplifier_bandwidth=28.9, noise=0.0066
+    )
+    found, truth = measure_bode(StagePlant(settings, seed=100), **LIMITS, seed=100), settings.dynamics()
+    below = np.linspace(1.0, 0.6 * 288.9, 50)
+    assert np.abs(found.dynamics.response(below) / truth.response(below) - 1).max() > 0.05
+    assert found.verdict.is_bad
+    assert "Replace `amplifier_bandwidth` in the `dynamics` of `measure_bode`" in " ".join(found.verdict.reasons)
+    mended = replace(found.dynamics, amplifier_bandwidth=28.9)
+    assert np.abs(mended.response(below) / truth.response(below) - 1).max() < 0.03
+
+
+def test_where_the_response_is_lost_below_the_band_a_longer_excitation_is_asked_for_and_helps() -> None:
+    """A higher sample rate was asked for, where 45 of 450 Hz were seen."""
+    settings = StageSettings(
+        sample_rate=1000.0, resonances=(15.0,), dampings=(0.001,), dead_time=5.2e-3, amplifier_bandwidth=852.0,
+        noise=0.0363, hysteresis_kind="bouc-wen",
+    )  # fmt: skip
+    with pytest.raises(
+        DynamicsError, match=r"no resonance from 4 to \d+ Hz, .*: if .*, raise `amplitude` or `duration`;"
+    ):
+        measure_bode(StagePlant(settings, seed=131), **LIMITS, seed=131)
+    helped = measure_bode(StagePlant(settings, seed=131), **LIMITS, seed=131, duration=10.0)
+    assert helped.verdict.level == "good"
+    assert helped.dynamics.modes[0].frequency == pytest.approx(15.0, rel=0.001)
+
+
+def test_noise_below_the_resonance_asks_for_the_amplitude_that_helps_not_for_a_duration_that_does_not() -> None:
+    settings = StageSettings(
+        sample_rate=5000.0, resonances=(689.0,), dampings=(0.011,), amplifier_bandwidth=200.0, noise=0.18
+    )
+    for options, level in (({}, "bad"), ({"duration": 6.0}, "bad"), ({"amplitude": 0.4, "slew_limit": 1e4}, "good")):
+        found = measure_bode(StagePlant(settings, seed=150), **LIMITS, **options)
+        assert found.verdict.level == level
+        words = "" if found.verdict.reasons == () else found.verdict.reasons[0]
+        assert words.endswith("raise `amplitude`.") == found.verdict.is_bad
+
+
 def test_a_travel_that_was_given_is_named_where_more_of_it_helps() -> None:
     """A smaller amplitude keeps within it, and is lost in noise then; each remedy asked for the other."""
     known = {"duration": 0.5, "travel": 0.3}
     with pytest.raises(DynamicsError, match=r"or, where the stage may go so far, a larger `travel`$"):
         measure_bode(StagePlant(), **LIMITS, **known)
-    with pytest.raises(DynamicsError, match=r"raise `amplitude` and, with it, `travel` \(0\.3 um\), or `duration`"):
+    with pytest.raises(DynamicsError, match=r"raise `amplitude` and, with it, `travel` \(0\.3 um\), or look"):
         measure_bode(StagePlant(), **LIMITS, **known, amplitude=0.0005)
-    with pytest.raises(DynamicsError, match="raise `amplitude` or `duration`"):
+    with pytest.raises(DynamicsError, match="raise `amplitude`, or look"):
         measure_bode(StagePlant(), **LIMITS, duration=0.5, amplitude=0.0005)
 
 

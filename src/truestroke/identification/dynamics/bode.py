@@ -33,6 +33,7 @@ NEAR = 0.1  # relative: about a peak all lines are fitted
 LOW = 0.05  # of the first resonance: below it nothing is judged
 ALL = 0.9  # of the highest frequency that a sample rate shows: a band that goes so far is as wide as can be
 SPRING = 0.3  # of it: below, the stage is a spring, and hysteresis and creep scatter and curve the response
+BELOW = 0.6  # of it: up to there a controller needs the response
 BINS = 60  # a decade, of what is shown and judged
 FEWEST = 8  # lines of a bin
 SLIGHT = 0.005  # periods of the first resonance: a dead time that is too early by as much is none
@@ -99,14 +100,21 @@ class SmallMotion:
 
     @property
     def louder(self) -> str:
-        """What makes the stage answer more clearly, in words."""
+        """What makes the stage answer more clearly, in words: a longer record has more lines, each as faint."""
         if self.wanted_slew <= self.slew_limit:
-            further = "" if math.isinf(self.travel) else f" and, with it, `travel` ({figures(self.travel)} um),"
-            return f"raise `amplitude`{further} or `duration`"
+            further = "" if math.isinf(self.travel) else f" and, with it, `travel` ({figures(self.travel)} um)"
+            return f"raise `amplitude`{further}"
         return (
             f"raise the slew limit, {self.slew_limit:g} V/s, which makes the excitation small: up to "
             f"{figures(self.wanted_slew)} V/s helps, as does a lower `band`"
         )
+
+    @property
+    def finer(self) -> str:
+        """The same, or what shows a peak that is narrower than the spacing of the lines."""
+        if self.wanted_slew > self.slew_limit:
+            return self.louder
+        return f"{self.louder}{'' if math.isinf(self.travel) else ','} or `duration`"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -216,11 +224,15 @@ def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
         )
     magnitude = np.where(seen, smoothed(np.abs(local.response), 1), 0.0)
     # A second mode with little damping may be higher; that the first is prominent is seen beside it, too.
-    prominent = smoothed(magnitude, 2) > PROMINENT * np.median(magnitude[:STILL])
+    # Some lines in the noise far above seem seen, by chance, and high.
+    prominent = (smoothed(magnitude, 2) > PROMINENT * np.median(magnitude[:STILL])) & (_beside(local) > STILL)
     if not prominent[STILL:].any():  # an amplifier that lags lowers the peak of a damped mode
         smooth = smoothed(magnitude, STILL)
         prominent = smooth > LIFTED * np.minimum.accumulate(smooth)
-        prominent &= np.logical_and.accumulate(smoothed(local.coherence, STILL) > COHERENT)
+        clear = np.logical_and.accumulate(smoothed(local.coherence, STILL) > COHERENT)
+        prominent &= clear
+        if not prominent[STILL:].any():  # one that is slow lowers a narrow peak, too
+            prominent = clear & (smoothed(magnitude, 2) > PROMINENT * np.minimum.accumulate(smooth))
     if prominent[STILL:].any():
         begin = STILL + int(np.argmax(prominent[STILL:]))
         magnitude[np.searchsorted(f, RISE * f[begin]) :] = 0.0
@@ -229,6 +241,12 @@ def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
     # A damped mode hardly has a peak, and hysteresis lifts the lowest lines.
     turned = seen & (smoothed(np.unwrap(np.angle(local.response)), 2) < -math.pi / 2)
     return float(f[np.argmax(turned if turned.any() else magnitude)])
+
+
+def _beside(local: LocalResponse) -> FloatArray:
+    """How many of the lines around each are seen: one alone may be by chance."""
+    seen = local.coherence > SEEN_AT_ALL
+    return np.asarray(np.convolve(seen, np.ones(2 * STILL + 1))[STILL : STILL + seen.size])
 
 
 def _delay(spectra: Spectra, local: LocalResponse, peak: float) -> float:
@@ -244,8 +262,7 @@ def _delay(spectra: Spectra, local: LocalResponse, peak: float) -> float:
 def _chosen(spectra: Spectra, local: LocalResponse, peak: float) -> Spectra:
     """The lines that are fitted: where the response is seen at all, thinned out away from the peak."""
     f = spectra.frequency
-    beside = np.convolve(local.coherence > SEEN_AT_ALL, np.ones(2 * STILL + 1), "same")  # one alone may be by chance
-    end = max(int(np.flatnonzero(beside > STILL).max(initial=0)), int(np.searchsorted(f, 1.5 * peak))) + 1
+    end = max(int(np.flatnonzero(_beside(local) > STILL).max(initial=0)), int(np.searchsorted(f, 1.5 * peak))) + 1
     kept = np.zeros(f.size, dtype=bool)
     kept[: end : max(1, math.ceil(end / LINES))] = True
     kept[:end] |= np.abs(f[:end] / peak - 1) < NEAR
@@ -272,11 +289,17 @@ def _best(made: list[Fit], modes: int | None, used: Spectra, record: SmallMotion
 
 
 def _no_resonance(used: Spectra, record: SmallMotion) -> NoResonanceError:
-    """A band helps where the excitation ends below what the sample rate shows, a higher rate elsewhere."""
+    """What helps depends on what ends first: what is seen of the response, the band, or what the sample rate shows."""
     rate, (low, high) = used.sample_rate, used.frequency[[0, -1]]
     sees = f"{rate:g} Hz sees up to {SEEN * rate:g} Hz"
-    wide = record.excitation.frequency[-1] > ALL * SEEN * rate
-    remedy = f"raise the sample rate ({sees})" if wide else f"excite it by a higher `band` ({sees})"
+    excited = record.excitation.frequency[-1]
+    wide = excited > ALL * SEEN * rate
+    if high < ALL * excited:
+        remedy = record.finer if wide else f"{record.finer}; if none is seen then, use a higher `band` ({sees})"
+    elif wide:
+        remedy = f"raise the sample rate ({sees})"
+    else:
+        remedy = f"excite it by a higher `band` ({sees})"
     return NoResonanceError(
         f"no resonance from {figures(low)} to {figures(high, 4)} Hz, where the response was seen: if there is one "
         f"above, {remedy}; if it is well damped, use the controller without dynamics",
@@ -371,7 +394,8 @@ def _judged(dynamics: Dynamics, fit: Fit, whole: Spectra, record: SmallMotion, k
     model = np.asarray(at) * (np.interp(centre, f, known.real) + 1j * np.interp(centre, f, known.imag)) / fit.gain
     first = dynamics.modes[0].frequency
     missed = np.abs(difference - _of_hysteresis(centre, difference, scatter, SPRING * first))
-    trusted, findings = _findings(first, centre, coherence, missed, scatter, record.louder)
+    trusted, findings = _findings(first, centre, coherence, missed, scatter, record)
+    findings += _of_the_amplifier(dynamics)
     dynamics = _trusted(dynamics, trusted)
     return Bode(
         dynamics=dynamics,
@@ -404,7 +428,12 @@ def _trusted(dynamics: Dynamics, frequency: float) -> Dynamics:
 
 
 def _findings(
-    first: float, f: FloatArray, coherence: FloatArray, residual: FloatArray, scatter: FloatArray, louder: str
+    first: float,
+    f: FloatArray,
+    coherence: FloatArray,
+    residual: FloatArray,
+    scatter: FloatArray,
+    record: SmallMotion,
 ) -> tuple[float, list[tuple[Level, str]]]:
     """Up to which frequency the model is right, and what is not good; `first` is that of the first resonance, Hz."""
     misfit = _together((residual - CERTAIN * scatter > MISFIT) & (f > LOW * first))
@@ -415,7 +444,7 @@ def _findings(
     findings: list[tuple[Level, str]] = []
     if trusted < 0.5 * first:
         reason = f"The model may be trusted to {figures(trusted)} Hz only, the first resonance is at {first:.4g} Hz"
-        findings.append(("bad", f"{reason}: {louder}."))
+        findings.append(("bad", f"{reason}: {record.finer if misfit[end] else record.louder}."))
     elif trusted < first:
         findings.append(("doubtful", f"The model may be trusted to {figures(trusted)} Hz, below the first resonance."))
     around = misfit & (f < 1.3 * first)
@@ -426,6 +455,23 @@ def _findings(
         words = f"From {where} model and measurement differ by up to {figures(100 * most, 2)} %"
         findings.append((level, f"{words}: the stage has another mode there, or the excitation was disturbed."))
     return trusted, findings
+
+
+def _of_the_amplifier(dynamics: Dynamics) -> list[tuple[Level, str]]:
+    """Whether a lag that is far below the resonance is known: hysteresis and creep look like it, and it is a gain."""
+    corner, deviation = dynamics.amplifier_bandwidth, dynamics.uncertainty.get("amplifier_bandwidth", 0.0)
+    if not corner:
+        return []
+    below = (BELOW * dynamics.modes[0].frequency / corner) ** 2
+    unsure = deviation / corner * below / (1 + below)  # of |1 / (1 + j f / corner)|
+    if unsure <= MISFIT:
+        return []
+    return [(
+        "bad" if unsure > WRONG else "doubtful",
+        f"The bandwidth of the amplifier, {figures(corner)} Hz, has a standard deviation of {figures(deviation)} Hz: "
+        "so slow a lag looks like hysteresis and creep, and the response above it has its error. Replace "
+        "`amplifier_bandwidth` in the `dynamics` of `measure_bode` by that of its data sheet, or use a faster one.",
+    )]  # fmt: skip
 
 
 def _of_hysteresis(f: FloatArray, difference: ComplexArray, scatter: FloatArray, end: float) -> ComplexArray:

@@ -25,6 +25,8 @@ FLAT = 0.6  # damping: a mode with more is no resonance
 VAGUE = 0.02, 0.4  # relative: standard deviations of frequency and damping beyond which a mode is not known
 ASIDE = 1.3  # times the first frequency: the least second one, where one mode alone does not fit
 EVALUATIONS = 30  # steps of the search, at most
+ABOUT = 1.25  # times its start, or over it: as far as a mode is looked for
+SHIFTS = 3  # times, at most, that the first mode is looked for from the end of that on
 POOR = 5.0  # cost of a line of a fit that may be of another minimum
 STEP = 1.5e-8  # of a difference for a derivative
 KEPT = 8  # parts of the response to the last numbers: a derivative changes one number, and most parts remain
@@ -279,8 +281,8 @@ class Problem:
 
         rate, high = self.s.sample_rate, self.s.frequency[-1]
         x = [v for f, zeta in zip(frequency, damping, strict=True) for v in (math.log(f), math.log(zeta))]
-        low = [v for f in frequency for v in (math.log(0.8 * f), math.log(DAMPING[0]))]
-        top = [v for f in frequency for v in (math.log(min(1.25 * f, 1.5 * high)), math.log(DAMPING[1]))]
+        low = [v for f in frequency for v in (math.log(f / ABOUT), math.log(DAMPING[0]))]
+        top = [v for f in frequency for v in (math.log(min(ABOUT * f, 1.5 * high)), math.log(DAMPING[1]))]
         slowest, fastest = math.log(SLOW[0]), math.log(max(min(SLOW[1], SLOW[2] * min(frequency)), 2 * SLOW[0]))
         x, low = [*x, delay, 0.02, (slowest + fastest) / 2, 0.005], [*low, -1.0, 0.0, slowest, 0.0]
         top = [*top, max(22.0, delay + 2), RELAXING, fastest, CREEP]
@@ -387,6 +389,9 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
             starts += [(True, 0.2 * delay, 0.8 * delay)]
         tried = [Problem(spectra, count, known).run(frequency, damping, d, tau) for known, d, tau in starts]
         best = min(tried, key=lambda fit: fit.evidence)
+        if count == 1:
+            tried += _shifted(spectra, best, first, delay)
+            best = min(tried, key=lambda fit: fit.evidence)
         if count > 1 and best.cost > POOR * best.response.size:  # fewer modes had dead time and lag that are wrong
             tried += [Problem(spectra, count, known).run(frequency, damping, rough, 0.3) for known in (True, False)]
             best = min(tried, key=lambda fit: fit.evidence)
@@ -407,6 +412,16 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
         delay, lag = best.delay * spectra.sample_rate, max(best.lag * spectra.sample_rate, 0.3)
     made += [_without(spectra, fit) for fit in tried if count > 1 and 0 < sum(_resonate(fit)) < count]
     return sorted(made, key=lambda fit: fit.evidence)
+
+
+def _shifted(spectra: Spectra, fit: Fit, start: float, delay: float) -> list[Fit]:
+    """From where a fit with one mode ended, if that is the end of where the mode was looked for, from `start` Hz."""
+    made = list[Fit]()
+    while abs(math.log(fit.frequency[0] / start)) > 0.99 * math.log(ABOUT) and len(made) < 2 * SHIFTS:
+        start = float(fit.frequency[0])
+        made += [Problem(spectra, 1, known).run([start], [0.02], delay) for known in (True, False)]
+        fit = min(made[-2:], key=lambda fit: fit.evidence)
+    return made
 
 
 def _resonate(fit: Fit) -> list[bool]:
