@@ -293,7 +293,7 @@ rate = 200.0
     ],
 )
 def test_lines_that_ticks_or_stage_cannot_follow_are_refused(tmp_path, kind, rate, bound) -> None:
-    """900 rows a second at 5 kHz were 114 um beside a stroke of 30 um, and only the verdict said so."""
+    """900 rows a second at 5 kHz were 174 um beside a stroke of 30 um, and only the verdict said so."""
     text = FAST + AXES
     for resonance in (900.0, 700.0):  # axis x, then y
         text = text.replace("slew = 4000.0", f"slew = 4e4\nresonance = {resonance}", 1)

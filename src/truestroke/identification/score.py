@@ -194,14 +194,16 @@ def _half_width(
     widths = [interval.COVERED * np.sqrt(np.maximum(own + share**2 * day, least)) for share in OF_DAY]
     widths = [*(size * widths[0] for size in NARROWER), *widths]
     rows = np.flatnonzero(judged)
-    if rows.size < FEWEST:
-        return np.asarray(widths[-1])
-    error, costs = np.abs(rest), np.zeros((len(widths), PARTS))
-    parts = np.array_split(rows, PARTS)
+    return np.asarray(widths[-1]) if rows.size < FEWEST else _cheapest(widths, np.abs(rest), rows)
+
+
+def _cheapest(widths: list[FloatArray], error: FloatArray, rows: npt.NDArray[np.intp]) -> FloatArray:
+    """For each part of the record the width that costs least in the others: itself, and what is beyond (Winkler)."""
+    costs, parts = np.zeros((len(widths), PARTS)), np.array_split(rows, PARTS)
     for k, width in enumerate(widths):
         costs[k] = [np.sum(width[part] + BEYOND * np.maximum(error[part] - width[part], 0.0)) for part in parts]
     chosen = np.argmin(costs.sum(axis=1, keepdims=True) - costs, axis=0)
-    found, ends = np.empty(volts.size), [0, *(int(part[0]) for part in parts[1:]), volts.size]
+    found, ends = np.empty(error.size), [0, *(int(part[0]) for part in parts[1:]), error.size]
     for k, (first, end) in zip(chosen, pairwise(ends), strict=True):
         found[first:end] = widths[k][first:end]
     return found

@@ -11,6 +11,7 @@ from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.signals import formats
 from truestroke.signals.tables import OTHERS, UNITS, RecordError, Table, is_unit, name_and_unit, unit
+from truestroke.signals.tables.instruments import TIMES
 
 NO_VALUE = 1e30  # instruments mark what they have not measured by 9.9e37 or 9.91e37 (SCPI), or by a larger number
 LISTED = 24  # columns that an error names
@@ -155,7 +156,7 @@ def read_columns(
 def _refuse_alone(source: str, table: Table, wanted: Wanted, found: Mapping[str, int]) -> None:
     """RecordError where a file has nothing beside the time but one signal."""
     taken = {table.names[found["time"]].lower()} if "time" in found and table.names else set()
-    others = [c for c, name in enumerate(table.names) if name and name.lower() not in ("time", "t", "x_value", *taken)]
+    others = [c for c, name in enumerate(table.names) if name and name.lower() not in ("t", *TIMES, *taken)]
     unnamed = [c for c, name in enumerate(table.names) if not name and c < table.head.shape[1]]
     if np.isfinite(table.head[:, unnamed]).all(axis=0).any():  # a signal, too, which the caller can name by its number
         return

@@ -48,7 +48,8 @@ def clipped_volts(volts: FloatArray, moved: FloatArray, quiet: float, rough: flo
     width = LEVEL * quiet
     least = max((LEAST + WIDER * width / span) * stroke, TO_AND_FRO * rough)
     rows, most = 0, 0.0
-    for sign, near in ((1, volts >= volts.max() - width), (-1, volts <= volts.min() + width)):
+    top, bottom = volts >= volts.max() - width, volts <= volts.min() + width
+    for sign, near, far in ((1, top, bottom), (-1, bottom, top)):
         ends = [(int(start), int(stop)) for start, stop in runs(near) if stop - start >= FEWEST]
         heights = [_height(volts, moved, sign, rows_of, JUMP * span) for rows_of in ends]
         sizes, high = np.array([stop - start for start, stop in ends]), np.array(heights) > least
@@ -57,7 +58,7 @@ def clipped_volts(volts: FloatArray, moved: FloatArray, quiet: float, rough: flo
         elif ends:
             share = max(LEAST + WIDER * width / span, 1e-9)
             height = _height_of_mean(volts, moved, sign, ends, JUMP * span, rough, share * stroke, HIGH * stroke)
-            known = int(np.argmax(volts <= volts.min() + width if sign > 0 else volts >= volts.max() - width))
+            known = int(np.argmax(far))
             later = [rows_of for rows_of in ends if rows_of[0] > known]  # the other end takes the memory of the start
             height = max(height, _spread(moved, later, rough, APART[0] * stroke))
             rows, most = rows + (int(sizes.sum()) if height else 0), max(most, height)
@@ -71,17 +72,27 @@ def _height(volts: FloatArray, moved: FloatArray, sign: int, rows: tuple[int, in
     if not _is_entered_evenly(volts, rows, jump):
         return 0.0
     part, z = sign * moved[start:stop], sign * moved[start - third : stop + third]
-    u = np.linspace(-1.0, 1.0, part.size)
-    bend, slope, level = np.polyfit(u, part, 2)
-    if bend >= 0 or abs(vertex := -slope / (2 * bend)) > INSIDE:
-        return 0.0
-    if np.var(part - ((bend * u + slope) * u + level)) > (1 - ROUND) * np.var(part):
+    arc = _arc(np.linspace(-1.0, 1.0, part.size), part)
+    if arc is None:
         return 0.0
     before, behind = z[third] - z[0], z[-third - 1] - z[-1]
     up, down = part[third - 1] - part[0], part[-third] - part[-1]
     slowest, fastest = GOES_ON
     goes_on = all(slowest * by < way < fastest * by for way, by in ((up, before), (down, behind)))
-    return float(-bend * (1 - abs(vertex)) ** 2) if goes_on else 0.0
+    return arc[0] if goes_on else 0.0
+
+
+def _arc(u: FloatArray, part: FloatArray, noise2: float = 0.0) -> tuple[float, float, float] | None:
+    """Height and curvature of the parabola through `part` at u, -1 to 1, and its vertex; None where it is no arc.
+
+    noise2: variance that the parabola need not explain.
+    """
+    bend, slope, level = np.polyfit(u, part, 2)
+    if bend >= 0 or abs(vertex := -slope / (2 * bend)) > INSIDE:
+        return None
+    if np.var(part - ((bend * u + slope) * u + level)) > (1 - ROUND) * np.var(part) + noise2:
+        return None
+    return float(-bend * (1 - abs(vertex)) ** 2), float(-bend), float(vertex)
 
 
 def _is_entered_evenly(volts: FloatArray, rows: tuple[int, int], jump: float) -> bool:
@@ -121,14 +132,12 @@ def _height_of_mean(
 def _height_of_bins(mean: FloatArray, unsure: float, least: float, high: float) -> float:
     """Of a mean arc in bins with those before and behind it, um, of the deviation `unsure`; 0 where it is none."""
     part, u = mean[BINS : 2 * BINS], (2 * np.arange(BINS) + 1.0) / BINS - 1.0
-    bend, slope, level = np.polyfit(u, part, 2)
-    if bend >= 0 or abs(vertex := -slope / (2 * bend)) > INSIDE:
+    arc = _arc(u, part, 2 * unsure**2)
+    if arc is None:
         return 0.0
+    height, bend, vertex = arc
     square = np.linalg.inv(np.vander(u, 3).T @ np.vander(u, 3))[0, 0]
-    height = float(-bend * (1 - abs(vertex)) ** 2)
-    if height < least or -bend < TOGETHER * unsure * np.sqrt(square):
-        return 0.0
-    if np.var(part - ((bend * u + slope) * u + level)) > (1 - ROUND) * np.var(part) + 2 * unsure**2:
+    if height < least or bend < TOGETHER * unsure * np.sqrt(square):
         return 0.0
     near, over = BINS // 3, 4 * unsure * 3 / BINS
     before, behind = ((mean[a] - mean[b]) / (BINS - 1) for a, b in ((BINS - 1, 0), (2 * BINS, 3 * BINS - 1)))

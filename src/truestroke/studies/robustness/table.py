@@ -178,7 +178,7 @@ def run(
     Raises
     ------
     StudyError
-        A simulation failed; or a sample was refused: each of them, or any if not `with_refused`.
+        A simulation failed, or a sample was refused: the first one, or, `with_refused`, where each was.
     """
     engine.first(study, study.numbers)  # wrong settings are reported at once
     with Store(file, study) as store:
