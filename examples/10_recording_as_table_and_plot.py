@@ -30,5 +30,5 @@ with tempfile.TemporaryDirectory() as folder:
 #          desired  measured
 #     min      0.0      -0.0
 #     max     20.0      20.0
-#     {'weights_time': 100, 'weights_index': 39}
+#     {'weights_time': 100, 'weights_index': 41}
 #     True

@@ -34,7 +34,7 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("thresholds", (0.1, 0.2), ["thresholds", "V", "start at 0"]),
         ("dead_zone_thresholds", (0.0, 12.0), ["dead_zone_weights", "2 numbers"]),
         ("dead_zone_weights", (-1.0,), ["dead_zone_weights", "partial sums"]),
-        ("initial_weights", (5.0, 0.0), ["initial_weights", "39 numbers", "um/V"]),
+        ("initial_weights", (5.0, 0.0), ["initial_weights", "41 numbers", "um/V"]),
         ("initial_sensitivity", -5.0, ["initial_sensitivity", "-5.0 um/V", "above 0"]),
         ("rate_scale", -0.1, ["rate_scale", "-0.1 s/um", "from 0"]),
         ("forgetting", 1.5, ["forgetting", "1.5", "from 0.001 to 1"]),
@@ -46,7 +46,7 @@ def drive(controller: AdaptiveController, ticks: int, start: int = 0) -> list[fl
         ("rate_dependent", (26,), ["rate_dependent", "26", "from 0 to 25"]),
         ("asymmetry", 3, ["asymmetry", "3", "from 0 to 2"]),
         ("law", "lms", ["law", "'lms'", "'kalman' or 'rls'"]),
-        ("prior_covariance", ((1.0,),), ["prior_covariance", "(39, 39)", "positive definite"]),
+        ("prior_covariance", ((1.0,),), ["prior_covariance", "(41, 41)", "positive definite"]),
         ("prior_return_time", -1.0, ["prior_return_time", "-1.0 s", "above 0"]),
         ("filter_frequency", 1500.0, ["filter_frequency", "1500.0 Hz", "1000 Hz"]),
         ("model_error", -1.0, ["model_error", "-1.0 um", "from 0"]),
@@ -320,7 +320,7 @@ def test_diagnostics_are_a_read_only_copy() -> None:
     assert np.array_equal(seen.weights, kept)
     assert seen.trace_P > 0
     assert seen.play_states.shape == seen.partial_slopes.shape == (26,)
-    assert seen.weights.shape == (39,)
+    assert seen.weights.shape == (41,)
 
 
 # ---- What an engineer leaves switched on for a year ------------------------------------------------------------------

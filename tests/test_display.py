@@ -37,10 +37,10 @@ OBJECTS = {
 
 # A line of each, word by word.
 LINES = {
-    "controller": "AdaptiveController: kalman, 26 plays, 39 weights, double precision",
+    "controller": "AdaptiveController: kalman, 26 plays, 41 weights, double precision",
     "paper": "slew_limit 1e+09 V/s",
-    "NumPy": "ReferenceController: BoundedKalman, kalman, 3 plays, 13 weights, double precision",
-    "settings": "initial_weights 39: 8.21429, 0, ... 0 um/V",
+    "NumPy": "ReferenceController: BoundedKalman, kalman, 3 plays, 15 weights, double precision",
+    "settings": "initial_weights 41: 8.21429, 0, ... 0 um/V",
     "constant gain": "sensitivity 12.5 um/V",
     "PID": "k_i 20 V/(um s)",
     "realistic": "change Change(time=1.0, gain=0.8, hysteresis=1.0)",

@@ -89,10 +89,11 @@ def test_the_prior_of_a_term_follows_from_its_row(name) -> None:
 @pytest.mark.parametrize("law", ["kalman", "rls"])
 def test_settings_among_other_axes_have_their_terms_beside_what_was_known(law) -> None:
     given = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6), "law": law}
-    alone = ControllerSettings(**given, initial_weights=tuple(np.linspace(9.0, 1.0, 39)))
+    m = {"kalman": 41, "rls": 39}[law]  # with two states of Duhem, and without
+    alone = ControllerSettings(**given, initial_weights=tuple(np.linspace(9.0, 1.0, m)))
     beside = alone.among(2)
     assert beside.initial_weights == (*alone.initial_weights, *[0.0] * 6)
     assert beside.names[-6:-2] == ("coupling 1", "coupling 2", "coupling_lag 1", "coupling_lag 2")
     assert beside.names[-1] == "coupling_inertia 2"
     assert beside.among(0) == alone
-    assert law == "rls" or np.array(beside.prior_covariance)[:39, :39].tolist() == [*map(list, alone.prior_covariance)]
+    assert law == "rls" or np.array(beside.prior_covariance)[:m, :m].tolist() == [*map(list, alone.prior_covariance)]

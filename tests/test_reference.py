@@ -371,10 +371,10 @@ class Broken(LMS):
 @pytest.mark.parametrize(
     ("mistake", "said"),
     [
-        ("returns", r"law.update\(\) = array of shape \(39,\): must be None; assign new weights to self.weights"),
+        ("returns", r"law.update\(\) = array of shape \(41,\): must be None; assign new weights to self.weights"),
         ("NaN", r"law.weights\[0\] = nan um/V: must be finite"),
-        ("column", r"law.weights = array of shape \(39, 1\): must be an array of shape \(39,\)"),
-        ("list", r"law.weights = .*: must be an array of shape \(39,\)"),
+        ("column", r"law.weights = array of shape \(41, 1\): must be an array of shape \(41,\)"),
+        ("list", r"law.weights = .*: must be an array of shape \(41,\)"),
     ],
 )
 def test_a_mistake_in_a_law_of_ones_own_is_named_at_its_first_tick(mistake: str, said: str) -> None:
@@ -388,12 +388,12 @@ def test_a_mistake_in_a_law_of_ones_own_is_named_at_its_first_tick(mistake: str,
     ("law", "said"),
     [
         (LMS, "law = the class LMS: must be a law, .*; call the class to make one"),
-        (types.SimpleNamespace(weights=np.ones(39)), r"must be a law, .*; it has no update\(\)"),
+        (types.SimpleNamespace(weights=np.ones(41)), r"must be a law, .*; it has no update\(\)"),
         (
-            types.SimpleNamespace(weights=np.ones(39), update=lambda u: None),
+            types.SimpleNamespace(weights=np.ones(41), update=lambda u: None),
             r"law.update = update\(u\): must be callable as update\(u, e_m\)",
         ),
-        (types.SimpleNamespace(update=print), r"law.weights = None: must be an array of shape \(39,\)"),
+        (types.SimpleNamespace(update=print), r"law.weights = None: must be an array of shape \(41,\)"),
     ],
 )
 def test_what_is_no_law_is_refused(law: Any, said: str) -> None:
@@ -420,5 +420,5 @@ def test_a_bad_desired_value_or_setting_is_named_and_changes_nothing() -> None:
         np.testing.assert_array_equal(ours, theirs)
     with pytest.raises(SettingError, match="precision = 'single'"):
         ReferenceController(dataclasses.replace(settings_of("default"), precision="single"))
-    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be an array of shape \(39,\)"):
+    with pytest.raises(SettingError, match=r"law.weights = array of shape \(2,\): must be an array of shape \(41,\)"):
         ReferenceController(settings_of("default"), RLS([5.0, 0.0]))

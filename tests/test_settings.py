@@ -149,7 +149,7 @@ OTHERS = {
 def other(settings: ControllerSettings, name: str) -> ControllerSettings:
     """Settings in which this one differs, and what has to go with it."""
     value = getattr(settings, name)
-    if name in ("initial_weights", "slope_limits"):
+    if name in ("initial_weights", "slope_limits", "duhem_lengths"):
         changed = tuple(0.9 * w for w in value)
     elif name == "prior_covariance":
         changed = tuple(tuple(0.9 * entry for entry in row) for row in value)
@@ -160,7 +160,7 @@ def other(settings: ControllerSettings, name: str) -> ControllerSettings:
     else:
         changed = not value if isinstance(value, bool) else 0.9 * value or 1.0
     given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)} | {name: changed}
-    if name in ("plays", "rate_dependent", "law", *layout.SETTINGS.keys() - {"creep_times"}):
+    if name in ("plays", "rate_dependent", "law", *layout.SETTINGS.keys() - {"creep_times", "duhem_lengths"}):
         given |= dict.fromkeys(("initial_weights", "prior_covariance"))
     if name == "hum":
         given |= dict.fromkeys(("feedback", "change_threshold"))

@@ -54,6 +54,9 @@ typedef TS_REAL ts_real;
 #define TS_BACKLOG 64
 #endif
 #define TS_MAX_ASYMMETRY 2
+#ifndef TS_MAX_DUHEM
+#define TS_MAX_DUHEM 4
+#endif
 #ifndef TS_MAX_OTHERS /* other axes whose motion is known; at least 1 */
 #define TS_MAX_OTHERS 2
 #endif
@@ -65,14 +68,15 @@ typedef enum {
     TS_INERTIA,   /* zddot_d; s^2 */
     TS_OFFSET,    /* 1; um */
     TS_ASYMMETRY, /* 4 s (1 - s), 8 s (1 - s)(1 - 2 s), s = z_d / stroke within -1 <= s <= 2; um */
+    TS_DUHEM,     /* states of Duhem, V: dc / d|x| = (x - c) / length; weights in um/V */
     TS_COUPLING,         /* displacement of each other axis; um/um */
     TS_COUPLING_LAG,     /* its velocity; s */
     TS_COUPLING_INERTIA, /* its acceleration; s^2 */
     TS_TERMS
 } ts_term;
-#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, 1, TS_MAX_ASYMMETRY, TS_MAX_OTHERS, TS_MAX_OTHERS, TS_MAX_OTHERS}
+#define TS_MOST_WEIGHTS {TS_MAX_CREEPS, 1, 1, 1, TS_MAX_ASYMMETRY, TS_MAX_DUHEM, TS_MAX_OTHERS, TS_MAX_OTHERS, TS_MAX_OTHERS}
 #ifndef TS_MAX_PARAMETERS /* fewer than all terms together may have, where the settings are known */
-#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + 1 + TS_MAX_ASYMMETRY + 3 * TS_MAX_OTHERS)
+#define TS_MAX_PARAMETERS (2 * TS_MAX_PLAYS + TS_MAX_CREEPS + 1 + 1 + 1 + TS_MAX_ASYMMETRY + TS_MAX_DUHEM + 3 * TS_MAX_OTHERS)
 #endif
 #ifndef TS_MAX_LEARNED /* weights that the Kalman filter may learn; 1 where the law is RLS */
 #define TS_MAX_LEARNED TS_MAX_PARAMETERS
@@ -119,7 +123,7 @@ typedef enum {
     TS_BAD_THRESHOLDS,       /* thresholds must start at 0 and ascend */
     TS_BAD_DEAD_ZONES,       /* dead_zones outside 1..TS_MAX_DEAD_ZONES, or thresholds that do not start at 0 and ascend */
     TS_BAD_DEAD_ZONE_WEIGHTS,/* a partial sum of the dead-zone weights is not positive */
-    TS_BAD_TERMS,            /* a term has more weights than TS_MOST_WEIGHTS or fewer than 0, or a creep coefficient outside 0 < c <= 1 */
+    TS_BAD_TERMS,            /* a term has more weights than TS_MOST_WEIGHTS or fewer than 0, a creep coefficient outside 0 < c <= 1, or a length that is not positive */
     TS_BAD_WEIGHTS,          /* an initial weight is not finite */
     TS_BAD_RATE_SCALE,       /* c_b is negative or not finite */
     TS_BAD_RLS,              /* lambda outside 1e-3 <= lambda <= 1, delta not positive, or a limit below the trace of P(0) */
@@ -157,6 +161,9 @@ TS_API ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n);
  * already in order, because the states of plays that share an input are nested. Requires every s[j] > 0. O(n), one
  * division. */
 TS_API ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n);
+
+/* The same from the present voltage, where `gap` um are missing, and with another `change` of all slopes, um/V. */
+TS_API ts_real ts_play_walk(ts_real gap, const ts_real *s, ts_real change, const ts_real *r, const ts_real *y, int n);
 
 /* ---- Recursive least squares (23) -------------------------------------------------------------------------------- */
 
@@ -691,6 +698,7 @@ typedef struct {
     ts_real dead_zone_thresholds[TS_MAX_DEAD_ZONES];   /* d', um (of the inverse: they act on displacement) */
     ts_real dead_zone_weights[TS_MAX_DEAD_ZONES];      /* w_s', 1 (of the inverse) */
     ts_real creep[TS_MAX_CREEPS];                      /* 1 - exp(-T / tau) of each first-order state of the voltage */
+    ts_real duhem[TS_MAX_DUHEM];                       /* length of each state of Duhem, V: it forgets over so much way of the voltage */
     ts_real rate_scale;                                /* c_b, s/um */
     ts_real stroke;                                    /* um */
     ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; known terms: see ts_term */
@@ -744,6 +752,7 @@ typedef struct {
     uint64_t ticks;                /* so far */
     ts_real play[TS_MAX_PLAYS];    /* play states, V; play[0] is the voltage of the last tick */
     ts_real creep[TS_MAX_CREEPS];  /* first-order states, V */
+    ts_real duhem[TS_MAX_DUHEM];   /* states of Duhem, V */
 } ts_memory;
 
 /* After so many limited ticks beyond the desired displacement the model is considered wrong, not the limit. */

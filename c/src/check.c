@@ -52,6 +52,8 @@ static ts_status check_model(const ts_settings *s)
     if (ts_parameters(s) > TS_MAX_PARAMETERS) return TS_BAD_TERMS;
     for (int i = 0; i < s->terms[TS_CREEP]; i++)
         if (!(s->creep[i] > 0 && s->creep[i] <= 1)) return TS_BAD_TERMS;
+    for (int i = 0; i < s->terms[TS_DUHEM]; i++)
+        if (!positive(s->duhem[i])) return TS_BAD_TERMS;
     for (int i = 0; i < ts_parameters(s); i++)
         if (!bounded(s->initial_weights[i])) return TS_BAD_WEIGHTS;
     return s->rate_scale >= 0 && bounded(s->rate_scale) ? TS_OK : TS_BAD_RATE_SCALE;
@@ -191,7 +193,7 @@ bool ts_same_model(const ts_settings *a, const ts_settings *b)
     for (int i = 0; i < TS_TERMS; i++) same = same && a->terms[i] == b->terms[i];
     for (int i = 0; same && i < a->plays; i++) same = a->rate_dependent[i] == b->rate_dependent[i];
     int m = same ? ts_parameters(a) : 0;
-    return same && equal(a->thresholds, b->thresholds, a->plays) && equal(a->creep, b->creep, a->terms[TS_CREEP])
+    return same && equal(a->thresholds, b->thresholds, a->plays) && equal(a->creep, b->creep, a->terms[TS_CREEP]) && equal(a->duhem, b->duhem, a->terms[TS_DUHEM])
            && equal(a->dead_zone_thresholds, b->dead_zone_thresholds, a->dead_zones) && equal(&a->stroke, &b->stroke, 1)
            && equal(a->initial_weights, b->initial_weights, m) && equal(&a->regularization, &b->regularization, 1)
            && equal(&a->oscillation.tick, &b->oscillation.tick, 1) && same_dynamics(&a->dynamics, &b->dynamics)

@@ -104,6 +104,22 @@ ts_real ts_sum_of_plays(const ts_controller *c)
     return ts_weighted_sum(c->slopes, c->now.play, c->settings->plays);
 }
 
+/* The voltage for which the model has y_d: by the plays (12), and by the slopes that states of Duhem add to theirs, first by those as the
+ * voltage begins to move, then by those of the whole of its way. */
+static ts_real inverse(const ts_controller *c)
+{
+    const ts_settings *s = c->settings;
+    const ts_real *play = c->now.play;
+    ts_real moved = 0, most = s->voltage_max - s->voltage_min, gap = c->y_d - ts_sum_of_plays(c);
+    int passes = s->terms[TS_DUHEM] > 0 ? 2 : 1;
+    ts_real x = 0;
+    for (int pass = 0; pass < passes; pass++) {
+        x = ts_play_walk(gap, c->slopes, ts_slope_of_duhem(s, &c->now, c->w, moved, gap >= 0), s->thresholds, play, s->plays);
+        moved = within(x - play[0], -most, most);
+    }
+    return x;
+}
+
 static void write_down(ts_controller *c, ts_real x, const ts_motion *d, ts_real known)
 {
     int slot = (int)(c->counters.commands % TS_HISTORY);
@@ -175,10 +191,10 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     ts_real known = ts_of_known_terms(c, &d);
     c->y_d = ts_wanted_of_plays(c, &d, known);
     c->flags.projected = ts_rate_dependent_slopes(c, zdot_d);
-    *volts = within_limits(c, ts_before_amplifier(&c->now, s, ts_play_inverse(c->y_d, c->slopes, s->thresholds, c->now.play, s->plays)));
+    *volts = within_limits(c, ts_before_amplifier(&c->now, s, inverse(c)));
     ts_remember_voltage(&c->now, s, *volts);
     c->bumpless *= c->stage.smoothing;
     c->handed *= 1 - s->dynamics.first / HANDS_OVER;
-    write_down(c, *volts, &d, known);
+    write_down(c, *volts, &d, s->terms[TS_DUHEM] > 0 ? ts_of_known_terms(c, &d) : known);
     return TS_OK;
 }

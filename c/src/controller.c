@@ -62,6 +62,7 @@ ts_status ts_controller_start(ts_controller *c, ts_real volts, ts_real z)
     ts_controller_reset(c);
     ts_play_bank(volts, s->thresholds, c->now.play, s->plays);
     for (int i = 0; i < s->terms[TS_CREEP]; i++) c->now.creep[i] = volts;
+    for (int i = 0; i < s->terms[TS_DUHEM]; i++) c->now.duhem[i] = volts;
     c->lagged = c->now;
     const ts_motion still = {.z_d = z};
     ts_real missing = ts_wanted_of_plays(c, &still, ts_of_known_terms(c, &still)) - ts_sum_of_plays(c);

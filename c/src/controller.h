@@ -83,6 +83,7 @@ TS_API bool ts_same_stage(const ts_settings *a, const ts_settings *b);
 TS_API int ts_column(const ts_settings *s, ts_term term);
 TS_API int ts_prior_entries(const ts_settings *s, int n);
 TS_API void ts_remember_creep(ts_memory *memory, const ts_settings *s);
+TS_API ts_real ts_slope_of_duhem(const ts_settings *s, const ts_memory *memory, const ts_real *w, ts_real moved, bool up);
 TS_API ts_real ts_before_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x);
 TS_API void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x);
 TS_API void ts_known_terms(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u);

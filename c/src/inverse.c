@@ -1,5 +1,7 @@
 #include "lanes.h"
 
+#define LEAST_SHARE ((ts_real)0.25) /* of a slope of the plays: what states of Duhem leave of it */
+
 /* w.y with w[j] = s[j] - s[j-1], summed by parts: s[0] (y[0] - y[1]) + ... + s[n-1] y[n-1] */
 ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
 {
@@ -13,18 +15,29 @@ ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
     return total(load(last));
 }
 
-ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n)
+/* The slope behind play j, um/V. What states of Duhem change it by leaves a quarter of it. */
+static inline ts_real changed(const ts_real *s, int j, ts_real change)
 {
-    ts_real gap = y_d - ts_weighted_sum(s, y, n); /* remaining difference at x, um */
+    ts_real sum = s[j] + change, least = LEAST_SHARE * s[j];
+    return sum < least ? least : sum;
+}
+
+ts_real ts_play_walk(ts_real gap, const ts_real *s, ts_real change, const ts_real *r, const ts_real *y, int n)
+{
     ts_real sign = gap < 0 ? (ts_real)-1 : (ts_real)1;
     ts_real x = y[0]; /* r[0] = 0: the state of the first play is the last voltage */
     int j = 0;
     for (; j + 1 < n; j++) { /* from breakpoint to breakpoint, where play j + 1 begins to move */
         ts_real breakpoint = y[j + 1] + sign * r[j + 1];
-        ts_real next = gap - s[j] * (breakpoint - x);
+        ts_real next = gap - changed(s, j, change) * (breakpoint - x);
         if (next * sign <= 0) break;
         gap = next;
         x = breakpoint;
     }
-    return x + gap / s[j];
+    return x + gap / changed(s, j, change);
+}
+
+ts_real ts_play_inverse(ts_real y_d, const ts_real *s, const ts_real *r, const ts_real *y, int n)
+{
+    return ts_play_walk(y_d - ts_weighted_sum(s, y, n), s, 0, r, y, n);
 }

@@ -2,6 +2,8 @@
 #include "asymmetry.h"
 #include "controller.h"
 
+#define FAR 100 /* lengths of a state of Duhem in a tick, at most: it has forgotten all long before */
+
 /* Place of the first weight of a known term: behind a_i of all plays, b_i of those that have one, and the terms before it. */
 int ts_column(const ts_settings *s, ts_term term)
 {
@@ -30,6 +32,26 @@ void ts_remember_creep(ts_memory *memory, const ts_settings *s)
     for (int i = 0; i < s->terms[TS_CREEP]; i++) memory->creep[i] += s->creep[i] * (memory->play[0] - memory->creep[i]);
 }
 
+/* By how much a state of Duhem changes when the voltage moves, V. It follows the voltage with its way, not with time, so that it does not
+ * depend on the sample rate: by 1 - exp(-way / length) of its distance from the middle of the way, to the second order. */
+static ts_real duhem_change(const ts_settings *s, const ts_memory *memory, ts_real moved, int i)
+{
+    ts_real way = within(size_of(moved) / s->duhem[i], 0, FAR), grown = way + way * way / 2;
+    return grown / (1 + grown) * (memory->play[0] + moved / 2 - memory->duhem[i]);
+}
+
+/* By how much the states of Duhem change the displacement per volt, um/V; `up` where the voltage begins to move, and rises. */
+ts_real ts_slope_of_duhem(const ts_settings *s, const ts_memory *memory, const ts_real *w, ts_real moved, bool up)
+{
+    ts_real sum = 0;
+    w += ts_column(s, TS_DUHEM);
+    for (int i = 0; i < s->terms[TS_DUHEM]; i++) {
+        ts_real begins = (memory->play[0] - memory->duhem[i]) / (up ? s->duhem[i] : -s->duhem[i]);
+        sum += w[i] * (size_of(moved) > 0 ? duhem_change(s, memory, moved, i) / moved : begins);
+    }
+    return sum;
+}
+
 /* The output of the amplifier after a tick with the voltage x, V. */
 static ts_real behind_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x)
 {
@@ -47,6 +69,7 @@ ts_real ts_before_amplifier(const ts_memory *memory, const ts_settings *s, ts_re
 void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
 {
     x = behind_amplifier(memory, s, x);
+    for (int i = 0; i < s->terms[TS_DUHEM]; i++) memory->duhem[i] += duhem_change(s, memory, x - memory->play[0], i);
     ts_play_bank(x, s->thresholds, memory->play, s->plays);
     memory->ticks++;
 }
@@ -63,6 +86,7 @@ void ts_known_terms(const ts_settings *s, const ts_memory *memory, const ts_moti
     for (int i = 0; i < n[TS_OFFSET]; i++) *u++ = 1;
     if (n[TS_ASYMMETRY] > 0) *u++ = asymmetry[0];
     if (n[TS_ASYMMETRY] > 1) *u++ = asymmetry[1];
+    for (int i = 0; i < n[TS_DUHEM]; i++) *u++ = memory->duhem[i];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < n[TS_COUPLING]; i++) *u++ = d->others[i][k];
 }

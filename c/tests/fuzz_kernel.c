@@ -106,8 +106,10 @@ static ts_settings sane(bytes *b)
         .model_error = (ts_real)6e-3, .prior_return = (ts_real)8e-8, .change_threshold = 12,
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
-    for (int i = 0; i < ts_parameters(&s); i++) s.prior[TS_PACKED(i) + i] = i ? (ts_real)0.5 : 9;
     unsigned stage = byte(b);
+    s.terms[TS_DUHEM] = (int)(stage >> 6);
+    for (int i = 0; i < s.terms[TS_DUHEM]; i++) s.duhem[i] = (ts_real)(4.2 / (1 << 2 * i));
+    for (int i = 0; i < ts_parameters(&s); i++) s.prior[TS_PACKED(i) + i] = i ? (ts_real)0.5 : 9;
     if (stage & 3) /* three of four watch it, some are given its resonance */
         s.oscillation = (ts_oscillation_settings){
             .tick = (ts_real)5e-4, .corner = (ts_real)0.17, .fast = (ts_real)0.6, .slow = (ts_real)0.05,
@@ -133,19 +135,19 @@ static void disturb(bytes *b, ts_settings *s)
         &s->velocity_limit, &s->voltage_min, &s->voltage_max, &s->slew, &s->measurement_limit, &s->smoothing, &s->trim,
         &s->first_noise, &k->filter, &k->noise_rate, &k->ringing_rate, &k->model_error, &k->prior_return,
         &k->change_threshold, &k->change_rate, &k->change_gain, &k->change_hysteresis, &k->change_share, &k->outlier,
-        &s->thresholds[below(b, TS_MAX_PLAYS)], &s->creep[below(b, TS_MAX_CREEPS)],
+        &s->thresholds[below(b, TS_MAX_PLAYS)], &s->creep[below(b, TS_MAX_CREEPS)], &s->duhem[below(b, TS_MAX_DUHEM)],
         &s->initial_weights[below(b, TS_MAX_PARAMETERS)], &s->prior[below(b, TS_PACKED(TS_MAX_PARAMETERS))],
         &s->dead_zone_weights[below(b, TS_MAX_DEAD_ZONES)], &s->dead_zone_thresholds[below(b, TS_MAX_DEAD_ZONES)]};
     enum { ENTRIES = sizeof entries / sizeof *entries };
-    int which = below(b, ENTRIES + 8);
+    int which = below(b, ENTRIES + 9);
     if (which < ENTRIES) {
         ts_real *entry = entries[which], value = any(b, below(b, 2) ? 1 : 100);
         *entry = value;
         return;
     }
     int number = below(b, 65536) - 32768;
-    int *const counts[] = {&s->plays, &s->dead_zones, &s->terms[TS_CREEP], &s->terms[TS_ASYMMETRY], &k->refractory, &k->outliers};
-    if (which - ENTRIES < 6) *counts[which - ENTRIES] = number % 40;
+    int *const counts[] = {&s->plays, &s->dead_zones, &s->terms[TS_CREEP], &s->terms[TS_ASYMMETRY], &s->terms[TS_DUHEM], &k->refractory, &k->outliers};
+    if (which - ENTRIES < 7) *counts[which - ENTRIES] = number % 40;
     else s->rate_dependent[below(b, TS_MAX_PLAYS)] ^= 1;
 }
 

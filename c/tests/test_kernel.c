@@ -55,8 +55,8 @@ static ts_settings kalman_settings(void)
 {
     ts_settings s = settings();
     s.law = TS_LAW_KALMAN;
-    s.terms[TS_CREEP] = 2, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2;
-    s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
+    s.terms[TS_CREEP] = 2, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2, s.terms[TS_DUHEM] = 2;
+    s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017, s.duhem[0] = (ts_real)4.2, s.duhem[1] = (ts_real)1.05;
     s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25;
     s.smoothing = (ts_real)0.5, s.first_noise = (ts_real)0.03, s.initial_weights[0] = 8;
     s.kalman = (ts_kalman_settings){
@@ -64,8 +64,8 @@ static ts_settings kalman_settings(void)
         .model_error = (ts_real)6e-3, .prior_return = (ts_real)1e-6, .change_threshold = 12,
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
-    static const double sd[] = {0.2, 1, 3e-4, 0.9, 1.5, 1.5}; /* creep, creep, lag, offset, asymmetry */
-    for (int i = 0; i < 22; i++) {
+    static const double sd[] = {0.2, 1, 3e-4, 0.9, 1.5, 1.5, 0.7, 0.7}; /* creep, creep, lag, offset, asymmetry, duhem */
+    for (int i = 0; i < 24; i++) {
         double d = i == 0 ? 3 : i < 16 ? 1 : sd[i - 16];
         s.prior[TS_PACKED(i) + i] = (ts_real)(d * d);
     }
@@ -164,7 +164,7 @@ static void test_coupling(void)
     s.terms[TS_COUPLING] = s.terms[TS_COUPLING_LAG] = 1;
     check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "three terms of coupling for each other axis");
     s.terms[TS_COUPLING_INERTIA] = 1;
-    for (int i = 0; i < 3; i++) s.prior[TS_PACKED(22 + i) + 22 + i] = (ts_real)(share[i] * share[i]);
+    for (int i = 0; i < 3; i++) s.prior[TS_PACKED(24 + i) + 24 + i] = (ts_real)(share[i] * share[i]);
     check(ts_controller_init(&c, &s) == TS_OK, "init accepts another axis");
     double worst = 0;
     for (int k = 0; k < 8000; k++) {
@@ -301,6 +301,10 @@ static void test_refusals(void)
     check(ts_controller_init(&c, &s) == TS_BAD_LIMIT, "a smoothing that never ends");
     s = kalman_settings(), s.creep[1] = 0;
     check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "a creep state that stands still");
+    s = kalman_settings(), s.duhem[1] = 0;
+    check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "a state of Duhem that forgets at once");
+    s = kalman_settings(), s.terms[TS_DUHEM] = TS_MAX_DUHEM + 1;
+    check(ts_controller_init(&c, &s) == TS_BAD_TERMS, "too many states of Duhem");
     s = kalman_settings(), s.prior[TS_PACKED(3) + 3] = 0;
     check(ts_controller_init(&c, &s) == TS_BAD_KALMAN, "a prior variance of 0");
     s = kalman_settings(), s.prior_from[3] = 8;

@@ -39,8 +39,8 @@ static ts_settings settings(int plays, bool kalman)
     s.initial_weights[0] = 8;
     if (!kalman) return s;
     s.law = TS_LAW_KALMAN;
-    s.terms[TS_CREEP] = 2, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2;
-    s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017;
+    s.terms[TS_CREEP] = 2, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2, s.terms[TS_DUHEM] = 2;
+    s.creep[0] = (ts_real)0.15, s.creep[1] = (ts_real)0.0017, s.duhem[0] = (ts_real)4.2, s.duhem[1] = (ts_real)1.05;
     s.kalman = (ts_kalman_settings){
         .filter = (ts_real)0.6, .noise_rate = (ts_real)1e-3, .ringing_rate = (ts_real)0.1,
         .model_error = (ts_real)6e-3, .prior_return = (ts_real)1e-6, .change_threshold = 12,

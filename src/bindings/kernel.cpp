@@ -67,7 +67,7 @@ template <typename T> nb::object copy_of(const T *data, std::vector<size_t> shap
 template <typename Controller, typename Visit> void each_array(Controller &c, Visit visit) {
     size_t m = static_cast<size_t>(c.parameters), n = static_cast<size_t>(c.settings->plays);
     size_t triangle = static_cast<size_t>(TS_TRIANGLE(c.parameters));
-    size_t creeps = static_cast<size_t>(c.settings->terms[TS_CREEP]);
+    size_t creeps = static_cast<size_t>(c.settings->terms[TS_CREEP]), ways = static_cast<size_t>(c.settings->terms[TS_DUHEM]);
     visit("weights", &c.w[0], m);
     visit("bumpless", &c.bumpless, 1);
     visit("handed", &c.handed, 1);
@@ -77,12 +77,14 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
     visit("slopes", &c.slopes[0], n);
     visit("play", &c.now.play[0], n);
     visit("creep", &c.now.creep[0], creeps);
+    visit("duhem", &c.now.duhem[0], ways);
     visit("history_volts", &c.x[0], TS_HISTORY);
     visit("history_motion", &c.motion[0].z_d, TS_HISTORY * sizeof(ts_motion) / sizeof(ts_real));
     visit("history_limited", &c.limited[0], TS_HISTORY);
     visit("answered", &c.answered, 1);
     visit("lagged_play", &c.lagged.play[0], n);
     visit("lagged_creep", &c.lagged.creep[0], creeps);
+    visit("lagged_duhem", &c.lagged.duhem[0], ways);
     visit("lagged_ticks", &c.lagged.ticks, 1);
     visit("regressor", &c.u[0], m);
     visit("innovation", &c.innovation, 1);
@@ -1217,6 +1219,7 @@ MODULE(TS_MODULE, m) {
     m.attr("MAX_PLAYS") = TS_MAX_PLAYS;
     m.attr("MAX_DEAD_ZONES") = TS_MAX_DEAD_ZONES;
     m.attr("MAX_CREEPS") = TS_MAX_CREEPS;
+    m.attr("MAX_DUHEM") = TS_MAX_DUHEM;
     m.attr("HISTORY") = TS_HISTORY;
     m.attr("REAL_BYTES") = sizeof(ts_real);
     m.def("play_history", &play_history, "x"_a, "r"_a, "y"_a, "every"_a, "rows"_a);

@@ -6,6 +6,7 @@ import numpy.typing as npt
 MAX_PLAYS: int
 MAX_DEAD_ZONES: int
 MAX_CREEPS: int
+MAX_DUHEM: int
 HISTORY: int
 REAL_BYTES: int
 

@@ -20,7 +20,13 @@ from truestroke.base.typing import FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control import feasibility, interval, inverse, reach, stage, tested
 from truestroke.control.explored import Explored
-from truestroke.control.settings import UNLIMITED, ControllerSettings, kernel_settings
+from truestroke.control.settings import (
+    UNLIMITED,
+    ControllerSettings,
+    default_duhem_lengths,
+    expected_terms,
+    kernel_settings,
+)
 from truestroke.control.spans import Beyond, spans
 from truestroke.model import prior
 from truestroke.model.branches import Branches
@@ -157,6 +163,8 @@ class ActuatorModel(Displayed, Layout):
 
     def __post_init__(self) -> None:
         made = self._settings(1.0, law="rls")  # checks the terms; the other law would make a covariance of them
+        if made.duhem_lengths:
+            raise SettingError("duhem_lengths", made.duhem_lengths, "(): a model has them as `branches`", "V")
         weights = np.array(made.initial_weights)
         covariance = checks.finite_array("covariance", self.covariance, ndim=2)
         if covariance.shape != (weights.size, weights.size) or not np.allclose(covariance, covariance.T):
@@ -331,7 +339,7 @@ class ActuatorModel(Displayed, Layout):
 
         The offset starts at 0 um: that of the record is where the record happened to begin. The prior is that of
         `another_day`. The law also returns to the prior, and takes sudden changes to be a share of it: too sure a
-        prior would not follow them.
+        prior would not follow them. States of Duhem, which the model does not have, start with weights of 0 um/V.
 
         Raises
         ------
@@ -342,12 +350,15 @@ class ActuatorModel(Displayed, Layout):
         if self.branches is not None:
             return self._plays_alone().start(sample_rate, **changes)
         self.check_volts(**changes)
+        lengths = changes.pop("duhem_lengths", None)
         fixed = self.settings(sample_rate, **changes)
         measured = changes.get("dynamics") is not None
         model = self.beside_dynamics() if measured else self
         weights = np.array(fixed.initial_weights)
         weights[model.columns["offset"]] = 0.0
-        from_rest = {"initial_weights": tuple(weights.tolist()), **changes}
+        lengths = default_duhem_lengths(fixed) if lengths is None else lengths
+        still = [0.0] * len(checks.several("duhem_lengths", lengths, "V"))
+        from_rest = {"duhem_lengths": lengths, "initial_weights": (*weights.tolist(), *still), **changes}
         if fixed.law != "kalman":
             return self.settings(sample_rate, **from_rest)
         P = model.another_day()
@@ -355,6 +366,8 @@ class ActuatorModel(Displayed, Layout):
             place = model.columns[term]
             P[place], P[:, place] = 0.0, 0.0
             P[place, place] = np.array(fixed.prior_covariance)[place, place]
+        unknown = (expected_terms(fixed)["duhem"].deviation * self.sensitivity) ** 2 * np.eye(len(still))
+        P = np.block([[P, np.zeros((len(P), len(still)))], [np.zeros((len(still), len(P))), unknown]])
         return self.settings(sample_rate, **{"prior_covariance": tuple(map(tuple, P.tolist())), **from_rest})
 
     def _plays_alone(self) -> ActuatorModel:

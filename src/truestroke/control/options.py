@@ -49,6 +49,7 @@ class SettingsOptions(ChangeableOptions, total=False):
     inertia: bool | None
     offset: bool
     asymmetry: int
+    duhem_lengths: tuple[float, ...] | None
     other_axes: int
     dead_zone_thresholds: tuple[float, ...]
     law: Literal["kalman", "rls"]

@@ -38,7 +38,12 @@ SMOOTHING_KNOWN = 0.5  # periods of the first resonance of `dynamics`
 FILTER_SHARE = 1.6  # of the first resonance: corner of the three poles of the law where the stage is known
 LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be missing in known dynamics, one deviation
 RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
+DUHEM_DEVIATION = 0.1  # of stroke / voltage range: of a weight of a state of Duhem where the stage is known
 COUPLING_SHARES = 0.2, 4.0  # of 1 / w0 and 1 / w0^2: what velocity and acceleration of another axis do, one deviation
+DUHEM_LENGTHS = (
+    1.0,
+    0.25,
+)  # of the voltage range: states of Duhem, for minor loops that do not close
 SLEW = 120.0  # voltage ranges a second
 SLEW_OF_DYNAMICS = 6.0  # voltage ranges in a period of the first resonance of the dynamics,
 SLEW_OF_RESONANCE = 2.0  # and where `resonance` alone is known: twice what a sine of f0/3 over the whole travel needs
@@ -256,6 +261,12 @@ def default_inertia(s: ControllerSettings) -> bool:
     return s.dynamics is not None
 
 
+def default_duhem_lengths(s: ControllerSettings) -> tuple[float, ...]:
+    """The voltage range, and a quarter of it; none for "rls"."""
+    with_them = s.law is not None and str(s.law) != "rls"  # it is not checked yet
+    return tuple(share * s.voltage_range for share in DUHEM_LENGTHS) if with_them else ()
+
+
 def default_feedback(s: ControllerSettings) -> Feedback:
     """Designed from the `dynamics`; none where they are not known."""
     if s.dynamics is None:
@@ -276,7 +287,7 @@ def default_sensor_bandwidth(s: ControllerSettings) -> float:
 def default_weights(s: ControllerSettings) -> tuple[float, ...]:
     """`prior.play_weights` and the lag of the prior; for "rls" the first weight alone."""
     a = _play_weights(s)
-    return tuple((prior.mean(s, a, _terms(s)) if s.law == "kalman" else s.vector(a)).tolist())
+    return tuple((prior.mean(s, a, expected_terms(s)) if s.law == "kalman" else s.vector(a)).tolist())
 
 
 def _play_weights(s: ControllerSettings) -> FloatArray:
@@ -289,12 +300,13 @@ def default_covariance(s: ControllerSettings) -> FloatArray | None:
     """`prior.covariance` of `prior.play_weights`."""
     if s.law == "rls":
         return None
-    return prior.covariance(s, _play_weights(s), q=s.q, stroke=s.stroke, terms=_terms(s))
+    return prior.covariance(s, _play_weights(s), q=s.q, stroke=s.stroke, terms=expected_terms(s))
 
 
-def _terms(s: ControllerSettings) -> Mapping[str, Term]:
+def expected_terms(s: ControllerSettings) -> Mapping[str, Term]:
     """The known terms: lag and inertia are in the dynamics, or in `resonance`, but for their errors.
 
+    A law that knows the stage takes more of what it sees for states of Duhem: elsewhere they would take ringing.
     What another axis does through velocity and acceleration is scaled by the stage that answers it, too.
     """
     if s.dynamics is None and not s.resonance:
@@ -302,7 +314,7 @@ def _terms(s: ControllerSettings) -> Mapping[str, Term]:
     w = 2 * math.pi * (s.resonance if s.dynamics is None else s.dynamics.modes[0].frequency)
     errors = {"inertia": RESONANCE_SHARE / w**2}
     if s.dynamics is not None:
-        errors = {"lag": LAG_SHARE / w, "inertia": INERTIA_SHARE / w**2}
+        errors = {"lag": LAG_SHARE / w, "inertia": INERTIA_SHARE / w**2, "duhem": DUHEM_DEVIATION}
     taken = {"coupling_lag": COUPLING_SHARES[0] / w, "coupling_inertia": COUPLING_SHARES[1] / w**2}
     errors |= {name: min(TERMS[name].deviation, deviation) for name, deviation in taken.items()}
     return {**TERMS, **{name: dataclasses.replace(TERMS[name], mean=0.0, deviation=d) for name, d in errors.items()}}
@@ -412,6 +424,7 @@ SETTINGS: declared.Table = {
     ),
     **layout.SETTINGS,
     "inertia": dataclasses.replace(layout.SETTINGS["inertia"], rule=default_inertia),
+    "duhem_lengths": dataclasses.replace(layout.SETTINGS["duhem_lengths"], rule=default_duhem_lengths),
     "dead_zone_thresholds": Setting(
         "Thresholds d' of the inverse dead zones", "um", declared.ascending(MAX_DEAD_ZONES),
         kernel="dead_zone_thresholds dead_zones", convert=lambda d, _: (d, len(d)),
@@ -433,8 +446,8 @@ SETTINGS: declared.Table = {
     ),
     "initial_weights": Setting(
         "w(0) in place of `initial_sensitivity`, the mean of the prior: [a0, b0, a1, b1, ...] (b_i where play i is "
-        "rate-dependent), then creep (um/V), lag (s), inertia (s^2), offset (um), asymmetry (um) and coupling (um/um, "
-        "s, s^2)", "um/V", _all_weights,
+        "rate-dependent), then creep (um/V), lag (s), inertia (s^2), offset (um), asymmetry (um), duhem (um/V) and "
+        "coupling (um/um, s, s^2)", "um/V", _all_weights,
         default_weights,
     ),
     "prior_covariance": Setting(
@@ -530,7 +543,7 @@ class ControllerSettings(Displayed, Layout):
     --------
     >>> s = ControllerSettings(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
     >>> s.plays, len(s.initial_weights), round(s.initial_sensitivity, 3)
-    (26, 39, 8.214)
+    (26, 41, 8.214)
     >>> ControllerSettings(sample_rate=2000.0, stroke=-30.0, voltage_limits=(-0.6, 3.6))
     Traceback (most recent call last):
         ...
@@ -553,6 +566,7 @@ class ControllerSettings(Displayed, Layout):
     creep_times: tuple[float, ...] = (0.003, 0.03, 0.3, 3.0)
     inertia: bool = FOLLOWS
     asymmetry: int = 2
+    duhem_lengths: tuple[float, ...] = FOLLOWS
     other_axes: int = 0
     dead_zone_thresholds: tuple[float, ...] = (0.0,)
     dead_zone_weights: tuple[float, ...] = (1.0,)
@@ -616,7 +630,7 @@ class ControllerSettings(Displayed, Layout):
         (('coupling 1', 'coupling_lag 1', 'coupling_inertia 1'), (0.0, 0.0, 0.0))
         """
         alone = self.parameters - 3 * self.other_axes
-        known = _terms(self)
+        known = expected_terms(self)
         taken = [known[name].deviation for name in ("coupling", "coupling_lag", "coupling_inertia")]
         deviations = np.repeat(taken, checks.count("other_axes", other_axes, 0, layout.MAX_OTHERS))
         P0 = np.diag(np.concatenate([np.zeros(alone), np.square(deviations)]))
@@ -704,6 +718,7 @@ class ControllerSettings(Displayed, Layout):
             "lag": False,
             "offset": False,
             "asymmetry": 0,
+            "duhem_lengths": (),
             "rate_scale": 0.007,
             "initial_sensitivity": 5.0,
             "law": "rls",

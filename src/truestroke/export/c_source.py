@@ -129,7 +129,7 @@ def export_c(
     >>> controller = AdaptiveController(sample_rate=10_000.0, stroke=20.0, voltage_limits=(0.0, 10.0))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made = export_c(controller, folder, precision="single")
-    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 14_400
+    >>> made.capacities["TS_MAX_PLAYS"], made.ram <= 15_700
     (26, True)
     """
     if precision is not None:
@@ -205,6 +205,7 @@ def _capacities(settings: ControllerSettings, members: Mapping[str, Any], histor
         "TS_MAX_PLAYS": settings.plays,
         "TS_MAX_DEAD_ZONES": members["dead_zones"],
         "TS_MAX_CREEPS": max(1, len(members["creep"])),
+        "TS_MAX_DUHEM": max(1, len(members["duhem"])),
         "TS_MAX_OTHERS": 1,
         "TS_MAX_PARAMETERS": settings.parameters,
         "TS_MAX_LEARNED": settings.parameters if settings.law == "kalman" else 1,

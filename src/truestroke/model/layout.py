@@ -23,6 +23,7 @@ from truestroke.base.typing import FloatArray
 MAX_PLAYS = 32
 MAX_CREEPS = 8
 MAX_ASYMMETRY = 2
+MAX_DUHEM = 4
 MAX_OTHERS = 2
 
 Places = npt.NDArray[np.intp]
@@ -60,6 +61,7 @@ TERMS = {
     "inertia": Term("inertia", "s^2", 1, deviation=1.5e-7, mean=-1e-7),
     "offset": Term("offset", "um", 1, deviation=0.03),
     "asymmetry": Term("asymmetry", "um", MAX_ASYMMETRY, deviation=0.05),
+    "duhem": Term("duhem_lengths", "um/V", MAX_DUHEM, deviation=0.03),
     "coupling": Term("other_axes", "um/um", MAX_OTHERS, deviation=0.05),
     "coupling_lag": Term("other_axes", "s", MAX_OTHERS, deviation=5e-5),
     "coupling_inertia": Term("other_axes", "s^2", MAX_OTHERS, deviation=5e-8),
@@ -67,17 +69,22 @@ TERMS = {
 """The known terms by name, in the order of their weights: `ts_term` of the kernel."""
 
 
-@declared.bound(f"each in [1e-15, 1e15], up to {MAX_CREEPS}")
-def _times(_: Any, name: str, value: Any, unit: str) -> tuple[float, ...]:
-    found = tuple(checks.sized(name, time, unit) for time in checks.several(name, value, unit))
-    checks.count(f"the number of {name}", len(found), 0, MAX_CREEPS)
-    return found
+def _sizes(most: int) -> Any:
+    """Numbers above 0, at most so many."""
+
+    @declared.bound(f"each in [1e-15, 1e15], up to {most}")
+    def bound(_: Any, name: str, value: Any, unit: str) -> tuple[float, ...]:
+        found = tuple(checks.sized(name, size, unit) for size in checks.several(name, value, unit))
+        checks.count(f"the number of {name}", len(found), 0, most)
+        return found
+
+    return bound
 
 
 COUNTED: dict[str, Any] = {"kernel": "terms", "convert": lambda _, s: list(s.counts.values())}
 SETTINGS: declared.Table = {
     "creep_times": Setting(
-        "Time constants of the creep states; () is no creep", "s", _times, kernel="creep terms",
+        "Time constants of the creep states; () is no creep", "s", _sizes(MAX_CREEPS), kernel="creep terms",
         convert=lambda taus, s: ([-math.expm1(-1 / (tau * s.sample_rate)) for tau in taus], list(s.counts.values())),
     ),
     "lag": Setting("Whether the model has a term in the velocity (a delay)", "", declared.FLAG, **COUNTED),
@@ -86,6 +93,10 @@ SETTINGS: declared.Table = {
     "asymmetry": Setting(
         "Number of asymmetry terms: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), s = z_d / stroke", "",
         declared.whole(0, MAX_ASYMMETRY), **COUNTED,
+    ),
+    "duhem_lengths": Setting(
+        "Lengths of the states of Duhem, the way of the voltage over which each forgets; () is none", "V",
+        _sizes(MAX_DUHEM), kernel="duhem terms", convert=lambda lengths, s: (list(lengths), list(s.counts.values())),
     ),
     "other_axes": Setting(
         "Number of other axes that act on this one: terms in the displacement (coupling), the velocity (coupling_lag) "
@@ -111,6 +122,8 @@ class Layout:
         Whether there is a term in the velocity, one in the acceleration, and a constant.
     asymmetry : int
         Number of terms of asymmetry, 0 to 2.
+    duhem_lengths : tuple[float, ...]
+        Ways of the voltage over which the states of Duhem forget, V.
     other_axes : int
         Number of other axes whose displacement, velocity and acceleration are terms of this one, 0 to 2.
 
@@ -130,6 +143,7 @@ class Layout:
     inertia: bool = False
     offset: bool = True
     asymmetry: int = 0
+    duhem_lengths: tuple[float, ...] = ()
     other_axes: int = 0
 
     @property
@@ -223,4 +237,4 @@ def _labels(name: str, value: Sequence[float] | float) -> list[str]:
         return [name] * value
     if isinstance(value, int | float):
         return [f"{name} {i + 1}" for i in range(int(value))]
-    return [f"{name} {tau:g} s" for tau in value]
+    return [f"{name} {size:g} {SETTINGS[TERMS[name].setting].unit}" for size in value]

@@ -21,6 +21,8 @@ from truestroke.base.typing import FloatArray
 from truestroke.model.layout import Layout
 from truestroke.model.operators import dead_zone, dot, play, play_history
 
+FAR = 100.0  # lengths of a state of Duhem in a tick, at most: it has forgotten all long before
+
 # ---- Inverse parameters (10) -------------------------------------------------------------------------------------
 
 
@@ -166,8 +168,18 @@ def play_inverse(y_d: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.Arr
     >>> play_inverse(7.0, [8.0, 10.0], [0.0, 0.5], [0.0, 0.0])
     0.8
     """
+    return play_walk(y_d - float(weighted_sum(_floats(slopes), _floats(y))), slopes, r, y)
+
+
+def play_walk(gap: float, slopes: npt.ArrayLike, r: npt.ArrayLike, y: npt.ArrayLike) -> float:
+    """The same from the last input, where `gap` um are missing, with slopes that may be others than those of the sum.
+
+    Examples
+    --------
+    >>> play_walk(7.0, [8.0, 10.0], [0.0, 0.5], [0.0, 0.0])
+    0.8
+    """
     s, thresholds, states = (_floats(value).tolist() for value in (slopes, r, y))  # plain floats: no array is made
-    gap = y_d - float(weighted_sum(_floats(slopes), _floats(y)))  # what is still missing at x, um
     sign = -1.0 if gap < 0 else 1.0
     x, slope = states[0], s[0]
     for threshold, state, next_slope in zip(thresholds[1:], states[1:], s[1:], strict=True):
@@ -274,6 +286,32 @@ def creep_step(c: FloatArray, x: float, share: FloatArray) -> FloatArray:
     return c + share * (x - c)
 
 
+def duhem_change(c: FloatArray, before: float, moved: float, lengths: FloatArray) -> FloatArray:
+    """By how much states of Duhem change when the voltage moves by `moved`, V: dc / d|x| = (x - c) / length.
+
+    They follow the voltage with its way, not with time, so that they do not depend on the sample rate: by
+    1 - exp(-|moved| / length) of their distance from the middle of the way, to the second order.
+
+    Parameters
+    ----------
+    c : ndarray, shape (k,)
+        States before, V.
+    before, moved : float
+        Voltage before, and by how much it moves, V.
+    lengths : ndarray, shape (k,)
+        Ways of the voltage over which the states forget, V.
+
+    Examples
+    --------
+    >>> duhem_change(np.array([0.0, 1.0]), 0.0, 1.0, np.array([1.0, 4.0])).round(3)
+    array([ 0.3 , -0.11])
+    """
+    way = np.minimum(abs(moved) / lengths, FAR)
+    grown = way + way * way / 2
+    change: FloatArray = grown / (1 + grown) * (before + moved / 2 - c)
+    return change
+
+
 def asymmetry_terms(z_d: float | FloatArray, stroke: float) -> tuple[FloatArray, FloatArray]:
     """Terms of asymmetry: 4 s (1 - s) and 8 s (1 - s)(1 - 2 s), with s = z_d / stroke within -1 <= s <= 2.
 
@@ -314,7 +352,9 @@ class Motion(NamedTuple):
     others: tuple[tuple[Any, Any, Any], ...] = ()  # um, um/s, um/s^2: of each other axis; at rest where left out
 
 
-def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motion, stroke: float) -> FloatArray:
+def known_terms(
+    layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motion, stroke: float, duhem: FloatArray | None = None
+) -> FloatArray:
     """The part of the regressor that is known before the voltage is chosen, so that the inverse stays a walk.
 
     Parameters
@@ -327,6 +367,8 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
         Desired motion.
     stroke : float
         Length of the travel, um.
+    duhem : ndarray, shape (k,)
+        States of Duhem, V, of a layout that has them.
 
     Returns
     -------
@@ -352,6 +394,7 @@ def known_terms(layout: Layout, creep: Sequence[Any] | FloatArray, motion: Motio
         "inertia": [motion.zddot_d],
         "offset": [1.0] if one_tick else [np.ones_like(motion.z_d)],
         "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke) if counts["asymmetry"] else (),
+        "duhem": () if duhem is None else duhem,
         "coupling": others[0],
         "coupling_lag": others[1],
         "coupling_inertia": others[2],

@@ -4,17 +4,20 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from truestroke.base import checks
 from truestroke.base.typing import FloatArray
 from truestroke.control.adaptation import LARGEST
 from truestroke.control.reference.first import least_slope
 from truestroke.control.reference.state import State
-from truestroke.control.reference.terms import of_known_terms, through_dead_zones
+from truestroke.control.reference.terms import of_known_terms, slope_of_duhem, through_dead_zones
 from truestroke.control.stage import FOUND_DAMPING, Stage, lead_of_dead_time
-from truestroke.model.models import Motion, limit_slopes, weighted_sum
+from truestroke.model.models import Motion, limit_slopes, play_walk, weighted_sum
 
 IN_MOTION = 0.05  # of the smallest slope: that of the inverse, of weights that are held at rest
 HANDS_OVER = 20.0  # periods of the first resonance: in them the feedback hands over what was learned after a change
+LEAST_SHARE = 0.25  # of a slope of the plays: what states of Duhem leave of it
 SMOOTH = 8  # times the third difference of velocities: no more than the sum of their first ones
 
 
@@ -89,6 +92,22 @@ def slopes_at(c: State, zdot_d: float) -> FloatArray:
 def sum_of_plays(c: State) -> float:
     """Displacement of the plays at the present voltage, um: the forward of the inverse."""
     return float(weighted_sum(c.slopes, c.now.play))
+
+
+def inverse(c: State, y_d: float) -> float:
+    """The voltage for which the model has y_d: by the plays (12), and by the slopes that states of Duhem add to theirs.
+
+    First by those as the voltage begins to move, then by those of the whole of its way.
+    """
+    play, gap = c.now.play, y_d - sum_of_plays(c)
+    if not c.now.duhem.size:
+        return play_walk(gap, c.slopes, c.thresholds, play)
+    (low, high), moved = c.settings.voltage_limits, 0.0
+    for _ in range(2):
+        slopes = np.maximum(c.slopes + slope_of_duhem(c, moved, up=gap >= 0), LEAST_SHARE * c.slopes)
+        x = play_walk(gap, slopes, c.thresholds, play)
+        moved = min(max(x - float(play[0]), low - high), high - low)
+    return x
 
 
 def within_limits(c: State, x: float) -> float:

@@ -24,6 +24,7 @@ from truestroke.control.reference.command import (
     acceleration,
     ahead_of,
     bounded,
+    inverse,
     keep_command,
     others_of,
     rate_dependent_slopes,
@@ -39,7 +40,7 @@ from truestroke.control.reference.state import HISTORY, Command, Memory, State, 
 from truestroke.control.reference.terms import before_amplifier, of_known_terms, remember_creep, remember_voltage
 from truestroke.control.settings import CHANGEABLE, SETTINGS, ControllerSettings
 from truestroke.control.stage import strain_of
-from truestroke.model.models import Motion, play_inverse
+from truestroke.model.models import Motion
 from truestroke.model.operators import play
 
 
@@ -130,7 +131,8 @@ class ReferenceController(StateShown, Displayed):
         volts, z = checks.within("volts", volts, low, high, "V"), checks.number("z", z, "um")
         s.check_reach("z", z, volts)
         self.reset()
-        c.now = Memory(play(volts, c.thresholds, c.now.play), np.full(c.creep_rates.size, volts))
+        creep, duhem = np.full(c.creep_rates.size, volts), np.full(c.duhem_lengths.size, volts)
+        c.now = Memory(play(volts, c.thresholds, c.now.play), creep, duhem)
         c.lagged = copy.deepcopy(c.now)
         missing = wanted_of_plays(c, Motion(z, 0.0)) - sum_of_plays(c)
         if s.offset:
@@ -217,8 +219,7 @@ class ReferenceController(StateShown, Displayed):
         known = of_known_terms(c, motion)
         y_d = wanted(c, motion) - known  # (11)
         c.slopes, c.projected = rate_dependent_slopes(c, zdot_d)  # (7)
-        x = play_inverse(y_d, c.slopes, c.thresholds, c.now.play)  # (12)
-        x = within_limits(c, before_amplifier(c, c.now, x))
+        x = within_limits(c, before_amplifier(c, c.now, inverse(c, y_d)))
         remember_voltage(c, c.now, x)  # (1)
         c.bumpless *= c.stage.smoothing
         c.handed *= 1 - c.members["dynamics.first"] / HANDS_OVER
@@ -226,7 +227,7 @@ class ReferenceController(StateShown, Displayed):
         c.last = Command(x, motion, c.saturated or c.slewed)
         if c.filtering is not None:
             tick = c.counters["commands"]
-            c.stage.strain[tick] = sum_of_plays(c) + known
+            c.stage.strain[tick] = sum_of_plays(c) + (of_known_terms(c, motion) if c.now.duhem.size else known)
             c.stage.strain.pop(tick - HISTORY, None)
             if c.path is not None:
                 c.path.strain[tick] = c.stage.strain[tick]

@@ -143,6 +143,7 @@ class Memory:
 
     play: FloatArray  # play states, V; the first is the voltage of the last tick
     creep: FloatArray  # first-order states, V
+    duhem: FloatArray  # states of Duhem, V
     ticks: int = 0  # so far
 
 
@@ -181,7 +182,7 @@ class State:
         s = settings
         self.thresholds, self.dead_zones = np.array(s.thresholds), np.array(s.dead_zone_thresholds)
         self.dead_zone_weights = np.array(s.dead_zone_weights)
-        self.creep_rates = np.array(self.members["creep"])
+        self.creep_rates, self.duhem_lengths = np.array(self.members["creep"]), np.array(self.members["duhem"])
         self.oscillation = OscillationSettings(
             **{f.name: self.members[f"oscillation.{f.name}"] for f in fields(OscillationSettings)}
         )
@@ -192,7 +193,7 @@ class State:
         s = self.settings
         self.law = copy.deepcopy(self.fresh_law)
         self.filtering = self.law if isinstance(self.law, FilteringLaw) else None
-        self.now = Memory(np.zeros(s.plays), np.zeros(self.creep_rates.size))
+        self.now = Memory(np.zeros(s.plays), np.zeros(self.creep_rates.size), np.zeros(self.duhem_lengths.size))
         self.lagged = copy.deepcopy(self.now)
         self.u = np.zeros(s.parameters)  # the regressor of the last tick that was measured or passed over
         self.waiting: dict[int, Command] = {}  # by tick: not yet in self.lagged

@@ -4,7 +4,7 @@ import numpy as np
 
 from truestroke.base.typing import FloatArray
 from truestroke.control.reference.state import Memory, State
-from truestroke.model.models import Motion, creep_step, known_terms, play_terms
+from truestroke.model.models import Motion, creep_step, duhem_change, known_terms, play_terms
 from truestroke.model.operators import dead_zone, dot, play
 
 
@@ -18,12 +18,25 @@ def through_dead_zones(c: State, z: float) -> float:
 def of_known_terms(c: State, motion: Motion) -> float:
     """The displacement of the known terms, um."""
     s = c.settings
-    return float(dot(c.law.weights[s.of_plays :], known_terms(s, c.now.creep, motion, s.stroke)))
+    return float(dot(c.law.weights[s.of_plays :], known_terms(s, c.now.creep, motion, s.stroke, c.now.duhem)))
 
 
 def remember_creep(c: State, memory: Memory) -> None:
     """Creep states follow the voltage of the tick before."""
     memory.creep = creep_step(memory.creep, memory.play[0], c.creep_rates)
+
+
+def slope_of_duhem(c: State, moved: float, up: bool) -> float:
+    """By how much the states of Duhem change the displacement per volt, um/V; `up` where the voltage begins to move."""
+    before = float(c.now.play[0])
+    if moved:
+        slopes = duhem_change(c.now.duhem, before, moved, c.duhem_lengths) / moved
+    else:
+        slopes = (before - c.now.duhem) / (c.duhem_lengths if up else -c.duhem_lengths)
+    total = 0.0
+    for weight, slope in zip(c.law.weights[c.settings.columns["duhem"]].tolist(), slopes.tolist(), strict=True):
+        total += weight * slope
+    return total
 
 
 def behind_amplifier(c: State, memory: Memory, x: float) -> float:
@@ -39,8 +52,11 @@ def before_amplifier(c: State, memory: Memory, x: float) -> float:
 
 
 def remember_voltage(c: State, memory: Memory, x: float) -> None:
-    """(1): the play states after a tick with the voltage x, V."""
-    memory.play = play(behind_amplifier(c, memory, x), c.thresholds, memory.play)
+    """(1): the play states after a tick with the voltage x, V, and those of Duhem."""
+    x = behind_amplifier(c, memory, x)
+    before = float(memory.play[0])
+    memory.duhem = memory.duhem + duhem_change(memory.duhem, before, x - before, c.duhem_lengths)
+    memory.play = play(x, c.thresholds, memory.play)
     memory.ticks += 1
 
 
@@ -48,4 +64,4 @@ def regressor(c: State, memory: Memory, motion: Motion) -> FloatArray:
     """(20): u = [H_0, c_b zdot_d H_0, H_1, ...], with c_a = 1; and the known terms."""
     s = c.settings
     plays = play_terms(s, memory.play, s.rate_scale * motion.zdot_d)
-    return np.concatenate([plays, known_terms(s, memory.creep, motion, s.stroke)])
+    return np.concatenate([plays, known_terms(s, memory.creep, motion, s.stroke, memory.duhem)])
