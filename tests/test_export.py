@@ -396,7 +396,7 @@ def repetitive(inside: object = None) -> RepetitiveController:
 def test_the_exported_source_has_the_error_of_the_host_that_learned(tmp_path: Path) -> None:
     """Lines of another run of the same stage, mean of twenty periods, so that the noise of the sensor is small."""
     wave = trajectories.raster(
-        frequency=50.0, peak_to_peak=20.0, duration=3.0, sample_rate=10_000.0, offset=12.0, turn=0.2
+        frequency=50.0, peak_to_peak=20.0, duration=5.0, sample_rate=10_000.0, offset=12.0, turn=0.2
     )
     settings = plant.StageSettings(resonances=(900.0,), dampings=(0.02,), hysteresis_kind="preisach", dead_time=1e-4)
     host = repetitive()

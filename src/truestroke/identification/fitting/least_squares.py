@@ -68,6 +68,7 @@ class FittedWeights:
             "lag": False,
             "offset": False,
             "asymmetry": 0,
+            "duhem_lengths": (),
             "dead_zone_thresholds": self.dead_zone_thresholds,
             "dead_zone_weights": tuple(self.dead_zone_weights.tolist()),
             "initial_weights": tuple(np.column_stack([self.play_weights, rate]).ravel().tolist()),
