@@ -131,8 +131,23 @@ def test_a_clock_in_another_unit(good: tuple[FloatArray, FloatArray], tmp_path: 
     assert "in a smaller unit" in asked(written(tmp_path, x, z, "t (ms),volts (V),z (um)", rate=1e-3))[0]
     np.savetxt(tmp_path / "b.csv", np.column_stack([x, z]), delimiter=",", header="volts (V),z (um)", comments="")
     assert "is the given sample rate of 1 Hz in kHz?" in asked(tmp_path / "b.csv", sample_rate=1.0)[0]
-    counted = examine(read_record(written(tmp_path, x, z, "t,volts (V),z (um)", rate=1.0)))
-    assert "do they count the rows" in counted.mistakes[0]
+
+
+def test_stamps_without_a_unit_of_one_row_a_second_are_seconds_until_they_make_hours(tmp_path: Path) -> None:
+    """They were refused, whatever the record: 1 Hz is a rate of many loggers."""
+    t = np.arange(1200.0)
+    x = 50 - 30 * np.cos(0.1 * t) - 20 * np.cos(0.0313 * t)
+    play = [0.0]
+    for volts in x.tolist():
+        play.append(max(volts - 10.0, min(volts + 10.0, play[-1])))
+    z = 0.2 * x + 0.1 * np.array(play[1:]) + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    heading = "time,volts (V),z (um)"
+    for rate, row in ((1.0, "1 s"), (0.2, "5 s")):
+        words = f"in s one row is {row}: are they in ms, or do they count the rows? State the unit"
+        assert words in " ".join(asked(written(tmp_path, x, z, heading, rate)))
+        assert "the time stamps" not in " ".join(asked(tmp_path / "a.csv", time_unit="s"))
+    hours = examine(read_record(written(tmp_path, x, z, heading, rate=0.1)))
+    assert "one row would be 10 s, the record 3.33 h: are they in ms (`time_unit`), or do" in hours.mistakes[0]
 
 
 def test_rows_that_are_written_twice(good: tuple[FloatArray, FloatArray]) -> None:

@@ -14,7 +14,8 @@ from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
 from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.examination.mistakes import SECONDS, SMOOTH, TOGETHER, ringing
+from truestroke.identification.examination.mistakes import LONG, SECONDS, SMOOTH, TOGETHER, ringing
+from truestroke.identification.examination.mistakes import SLOW as SLOWEST
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.examination.unrecorded import of_volts
 from truestroke.identification.records import turning
@@ -27,7 +28,7 @@ from truestroke.signals.noise import converter_step, noise, rounding
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
 SHOWN = 0.25  # rows: to which reversals show a delay
 BY_NOISE = 2.0  # times the noise as a share of the stroke, of the time of a stroke: so late noise lets a turn seem
-LONG, SLOW = 9000.0, 200.0  # s of motion, and Hz: few records are longer; one of 10 s in ms that are taken for s is
+SLOW = 200.0  # Hz: few records of `LONG` s of motion are slower; one of 10 s in ms that are taken for s is
 ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
 COUNTED = 1000  # stamps or values that are looked at
 STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
@@ -127,7 +128,13 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
 
 def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
     """Stamps said to be in s that count the rows, or make a record of hours out of few rows."""
-    rate = found.sample_rate_hz
+    rate, time = found.sample_rate_hz, record.columns["time"]
+    if not time.stated and rate <= SLOWEST:
+        yield (
+            f"the time stamps ({heading!r}) have no unit, and in s one row is {1 / rate:.4g} s: are they in ms, or do "
+            "they count the rows? State the unit (`time_unit` s if it is that), or the sample rate (`sample_rate`)"
+        )
+        return
     if np.all(np.diff(record.time[:COUNTED]) == 1.0):
         yield (
             f"the time stamps ({heading!r}) are one apart each: do they count the rows? State the sample rate "
@@ -138,7 +145,7 @@ def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
     if moved > LONG and rate < SLOW and found.strokes >= 4:
         yield (
             f"the time stamps ({heading!r}) make {found.strokes} strokes in {moved / 3600:.3g} h, one row each "
-            f"{1 / rate:.3g} s: are they in ms? {_stated(record.columns['time'], 'ms')}"
+            f"{1 / rate:.3g} s: are they in ms? {_stated(time, 'ms')}"
         )
 
 
