@@ -133,6 +133,18 @@ def test_a_clock_in_another_unit(good: tuple[FloatArray, FloatArray], tmp_path: 
     assert "is the given sample rate of 1 Hz in kHz?" in asked(tmp_path / "b.csv", sample_rate=1.0)[0]
 
 
+def test_several_mm_of_an_amplified_stage_are_not_asked_about(
+    good: tuple[FloatArray, FloatArray], tmp_path: Path
+) -> None:
+    """3 mm for 150 V, as the heading says, at the speed of such a stage; nm of a stack are faster, or of more um/V."""
+    x, z = good
+    x, z = 150 * (x - x.min()) / np.ptp(x), 3000 * (z - z.min()) / np.ptp(z)
+    assert asked(written(tmp_path, x, z, rate=20.0)) == ()
+    heading = "t (s),volts (V),z (um)"
+    for volts, rate, head in ((x / 3, 20.0, heading), (x, RATE, heading), (x, 20.0, "t (s),volts (V),z")):
+        assert "nm or counts" in " ".join(asked(written(tmp_path, volts, z, head, rate)))
+
+
 def test_stamps_without_a_unit_of_one_row_a_second_are_seconds_until_they_make_hours(tmp_path: Path) -> None:
     """They were refused, whatever the record: 1 Hz is a rate of many loggers."""
     t = np.arange(1200.0)

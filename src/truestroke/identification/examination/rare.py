@@ -36,6 +36,7 @@ FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and t
 ROWS = 50_000  # that it is fitted to
 NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
 SMALL, LARGE = 0.1, 2000.0  # um: strokes that are rather written in nm, and in mm
+OF_STAGE = 40.0, 20e3  # um/V, um/s: amplified stages and benders of more than `LARGE` do no more; nm of a stack do
 PLATE, SHORT = 1e-3, 0.01  # um/V of a single plate at most, and um: strokes so short are measured with little noise
 QUIET, QUIETEST = 2e-4, 3e-5  # um: noise of few sensors, and of hardly any
 STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
@@ -244,7 +245,9 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
             "the displacement has no unit, and stays within +-10 as the volts of a sensor do: is it in um? State its "
             "unit (`displacement_unit`), or its um/V (`displacement_scale`)"
         )
-    elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
+    elif (
+        moved.unit == "um" and not moved.asked and (stroke < SMALL or (stroke > LARGE and not _of_stage(found, moved)))
+    ):
         others = "nm or mm" if stroke < SMALL else "nm or counts"
         yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit ({_say('displacement', moved)})"
     elif moved.unit == "nm" and not moved.asked and (like := _of_nanometres(found, gain)):
@@ -259,6 +262,12 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
     elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
         said = f"is the voltage in V? State its unit ({_say('volts', volts)})"
         yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: {said}"
+
+
+def _of_stage(found: Findings, moved: Column) -> bool:
+    """Whether a stroke of several mm is one: the file says um, and gain and speed are of an amplified stage."""
+    gain, speed = OF_STAGE
+    return bool(moved.of_file) and abs(found.gain_um_per_v) <= gain and found.rates_um_s[2] <= speed
 
 
 def _say(role: str, column: Column) -> str:
