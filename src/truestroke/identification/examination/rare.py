@@ -26,6 +26,7 @@ from truestroke.signals.columns import Column
 from truestroke.signals.noise import converter_step, noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
+AHEAD = 2.5, 1.0  # rows by which reversals and rates of the displacement are both before the voltage's
 SHOWN = 0.25  # rows: to which reversals show a delay
 BY_NOISE = 2.0  # times the noise as a share of the stroke, of the time of a stroke: so late noise lets a turn seem
 SLOW = 200.0  # Hz: few records of `LONG` s of motion are slower; one of 10 s in ms that are taken for s is
@@ -87,6 +88,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
     of_signals = (
         *_of_sampling(record, found),
         *_of_bursts(record, found),
+        *_of_lead(record, found),
         *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
@@ -179,6 +181,19 @@ def _of_bursts(record: Record, found: Findings) -> Iterator[str]:
             f"the rows are in {len(found.gaps) + 1} bursts of {figures(rows, 2)} on average, between which "
             f"{100 * missing / found.duration_s:.2g} % of the time is not measured: speed, lag and creep are then not "
             "those of the actuator. Record evenly, or take the mean of each burst as one row"
+        )
+
+
+def _of_lead(record: Record, found: Findings) -> Iterator[str]:
+    """A displacement whose turns and whose rates come before the voltage's: hysteresis alone makes the rates late."""
+    delay, lag = found.delay_ms, found.lag_ms
+    if delay is None or lag is None or 100 * found.noise_um > NOISY * found.stroke_um:
+        return
+    row = 1e3 / found.sample_rate_hz
+    if delay < -AHEAD[0] * row and lag < -AHEAD[1] * row:
+        yield (
+            f"the displacement turns {figures(-delay, 2)} ms before the voltage, its cause: is the voltage filtered, or "
+            "measured behind a slow monitor, or is the displacement shifted? Record both through the same filters"
         )
 
 
