@@ -192,8 +192,8 @@ def _of_lead(record: Record, found: Findings) -> Iterator[str]:
     row = 1e3 / found.sample_rate_hz
     if delay < -AHEAD[0] * row and lag < -AHEAD[1] * row:
         yield (
-            f"the displacement turns {figures(-delay, 2)} ms before the voltage, its cause: is the voltage filtered, or "
-            "measured behind a slow monitor, or is the displacement shifted? Record both through the same filters"
+            f"the displacement turns {figures(-delay, 2)} ms before the voltage, its cause: is the voltage filtered, "
+            "or behind a slow monitor, or is the displacement shifted? Record both through the same filters"
         )
 
 
