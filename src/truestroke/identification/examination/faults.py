@@ -107,8 +107,8 @@ def _of_spikes(record: Record) -> Iterator[str]:
             k = int(rows[0])
             yield (
                 f"the {name} is far from the rows beside it in {_rows(rows.size)}, first at {_at(record, k)}: "
-                f"{signal[k]:.4g} between {signal[k - 1]:.4g} and {signal[k + 1]:.4g} {unit}{_others(record, rows)}; leave "
-                "these rows out: delete them, or write NaN in them and give `drop_bad_rows`"
+                f"{signal[k]:.4g} between {signal[k - 1]:.4g} and {signal[k + 1]:.4g} {unit}{_others(record, rows)}; "
+                "leave these rows out: delete them, or write NaN in them and give `drop_bad_rows`"
             )
 
 
