@@ -146,6 +146,16 @@ def test_a_voltage_behind_a_slow_filter_is_asked_about() -> None:
     assert "ms before the voltage, its cause: is the voltage filtered" in " ".join(wrong.implausible)
 
 
+def test_a_quick_way_to_the_start_of_a_slow_motion_is_no_joint() -> None:
+    """In three rows from rest to the first voltage, at 20 Hz: "both signals jump within one row, the voltage by 0 V"."""
+    rng = np.random.default_rng(0)
+    t = np.arange(4000) / 20.0
+    x = 50 + 35 * np.cos(2 * np.pi * 0.1 * t + 0.8) + 15 * np.cos(2 * np.pi * 0.037 * t + 0.8)
+    x = np.concatenate([x[0] * np.array([0.0, 0.26, 0.74, 1.0]), x])
+    z = plays(x, (0.0, 10.0)) @ (0.22, 0.08) + 0.1 * rng.standard_normal(x.size)
+    assert "jump" not in " ".join(examine(Record.from_arrays(x, z, sample_rate=20.0)).implausible)
+
+
 def test_several_mm_of_an_amplified_stage_are_not_asked_about(
     good: tuple[FloatArray, FloatArray], tmp_path: Path
 ) -> None:
