@@ -147,7 +147,7 @@ def test_a_voltage_behind_a_slow_filter_is_asked_about() -> None:
 
 
 def test_a_quick_way_to_the_start_of_a_slow_motion_is_no_joint() -> None:
-    """In three rows from rest to the first voltage, at 20 Hz: "both signals jump within one row, the voltage by 0 V"."""
+    """In three rows, at 20 Hz: it was said that "both signals jump within one row, the voltage by 0 V"."""
     rng = np.random.default_rng(0)
     t = np.arange(4000) / 20.0
     x = 50 + 35 * np.cos(2 * np.pi * 0.1 * t + 0.8) + 15 * np.cos(2 * np.pi * 0.037 * t + 0.8)
