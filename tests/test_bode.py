@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +21,7 @@ from truestroke.identification.dynamics import bode
 from truestroke.identification.dynamics.fit import Fit, Problem, Spectra, pair_transfer, pulse_transfer
 from truestroke.model.dynamics import Mode
 from truestroke.plant import PlantSettings, RealisticPlant, StagePlant, StageSettings
+from truestroke.report import dynamics as dynamics_page
 
 pytestmark = pytest.mark.usefixtures("no_waiting")
 
@@ -245,9 +245,54 @@ def test_a_bandwidth_of_the_amplifier_that_is_not_known_is_not_good_and_that_of_
     below = np.linspace(1.0, 0.6 * 288.9, 50)
     assert np.abs(found.dynamics.response(below) / truth.response(below) - 1).max() > 0.05
     assert found.verdict.is_bad
-    assert "Replace `amplifier_bandwidth` in the `dynamics` of `measure_bode`" in " ".join(found.verdict.reasons)
-    mended = replace(found.dynamics, amplifier_bandwidth=28.9)
+    assert "State that of its data sheet (`amplifier_bandwidth`)" in " ".join(found.verdict.reasons)
+    stated = measure_bode(StagePlant(settings, seed=100), **LIMITS, seed=100, amplifier_bandwidth=28.9)
+    assert stated.verdict.level == "good"
+    mended = stated.dynamics
+    assert mended.amplifier_bandwidth == 28.9
     assert np.abs(mended.response(below) / truth.response(below) - 1).max() < 0.03
+
+
+@pytest.mark.parametrize(("rate", "resonance"), [(5000.0, 3000.0), (2000.0, 1500.0)])
+def test_a_resonance_above_half_of_the_sample_rate_is_named_first(rate: float, resonance: float) -> None:
+    """More amplitude was asked for, or, as the measurement seemed early, another latency of the driver."""
+    stage = StagePlant(StageSettings(sample_rate=rate, resonances=(resonance,), dampings=(0.02,)))
+    words = f"A resonance above half of the sample rate, {rate / 2:g} Hz, appears below it"
+    assert measure_bode(stage, **LIMITS).verdict.reasons[0].startswith(words)
+
+
+def test_a_measurement_that_is_early_names_a_resonance_beyond_the_sample_rate() -> None:
+    """The latency of the driver, and a filter, were all that it named."""
+    stage = StagePlant(StageSettings(sample_rate=5000.0, resonances=(8000.0,), dampings=(0.01,)), seed=1)
+    words = r"comes -0\.\d+ ticks .* possible: a stage that resonates above 2250 Hz, beyond what 5000 Hz sees, looks"
+    with pytest.raises(DynamicsError, match=words):
+        measure_bode(stage, **LIMITS, slew_limit=504.0, duration=1.0)
+
+
+def test_what_is_assumed_of_the_sensor_is_said() -> None:
+    """Its pole, 500 Hz, counts as the amplifier's: the response to 0.6 f0 is 65 % off, which no record shows."""
+    settings = StageSettings(sample_rate=10_000.0, sensor_bandwidth=500.0)
+    limits, rows, remarks = ((-0.6, 3.6), 504.0), [], []
+    for known in ({}, {"sensor_bandwidth": 500.0}, {"sensor_bandwidth": 500.0, "sensor_delay": 1e-5}):
+        found = measure_bode(StagePlant(settings, seed=1), **LIMITS, slew_limit=504.0, **known)
+        assert found.verdict.level == "good"
+        made = dynamics_page.page(found, *limits)
+        rows += [row[1:] for row in dynamics_page.rows(found, *limits) if row[0] == "sensor"]
+        remarks.append("assumed to have no lag or delay" in made.remark)
+    assert remarks == [True, False, False]
+    assert rows == [
+        ["assumed ideal", "lag and delay of it count as the stage's: see its data sheet"],
+        ["500 Hz", "as stated; its delay counts as the stage's"],
+        ["500 Hz, 10 us", "as stated"],
+    ]
+
+
+def test_by_default_a_resonance_is_looked_for_as_far_as_the_sample_rate_shows_it() -> None:
+    """The band ended at 8 kHz."""
+    stage = StagePlant(StageSettings(sample_rate=50_000.0, resonances=(12_000.0,), dampings=(0.02,), noise=0.002))
+    found = measure_bode(stage, **LIMITS, slew_limit=5e4, amplitude=0.3, duration=0.5)
+    assert found.verdict.level == "good"
+    assert found.dynamics.modes[0].frequency == pytest.approx(12_000.0, rel=0.001)
 
 
 def test_where_the_response_is_lost_below_the_band_a_longer_excitation_is_asked_for_and_helps() -> None:
@@ -439,6 +484,10 @@ def test_a_bad_measurement_writes_nothing(tmp_path: Path, monkeypatch: pytest.Mo
     assert "BAD" in printed
     assert "no resonance from 8 to" in printed
     assert not Path("dynamics.toml").exists()
+    assert printed.endswith("written    no dynamics, as the verdict is bad\n")
+    Dynamics(sample_rate=5000.0, modes=(Mode(frequency=400.0, damping=0.01),)).save("dynamics.toml")
+    older = "written    no dynamics, as the verdict is bad; dynamics.toml is of an older measurement"
+    assert older in run("--config", "axis.toml", "--duration", "1")[1]
     Path("dynamics.toml").write_text("mine")
     assert run("--config", "axis.toml")[0] == 1
     assert Path("dynamics.toml").read_text() == "mine"

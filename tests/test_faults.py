@@ -101,6 +101,25 @@ def test_noise_hides_no_jump_of_the_zero_and_is_none(seed: int) -> None:
     assert not [*faults(Record.from_arrays(volts, z + 0.02 * noise, sample_rate=FS))]
 
 
+def test_wrong_rows_are_named_one_by_one_and_the_remedy_works(tmp_path: Path) -> None:
+    """Only the first was named, and nobody knew which others to leave out."""
+    volts, z = clean()
+    wrong = z.copy()
+    wrong[[500, 1234, 2000]] += 40.0
+    (said,) = faults(Record.from_arrays(volts, wrong, sample_rate=FS))
+    assert "in 3 rows, first at 0.5 s: " in said
+    assert (
+        ", then at 1.234, 2 s; leave these rows out: delete them, or write NaN in them and give `drop_bad_rows`" in said
+    )
+    wrong[[500, 1234, 2000]] = np.nan
+    time = np.arange(z.size) / FS
+    np.savetxt(tmp_path / "a.csv", np.column_stack([time, volts, wrong]), delimiter=",", header="t (s),V,z (um)")
+    assert not [*faults(read_record(tmp_path / "a.csv", drop_bad_rows=True))]
+    many = z.copy()
+    many[300:2100:100] += 40.0
+    assert any(" 1.1 s and so on; leave" in text for text in faults(Record.from_arrays(volts, many, sample_rate=FS)))
+
+
 def test_a_wrong_row_of_the_voltage_is_named_and_a_pulse_of_it_is_none() -> None:
     volts, z = clean()
     volts[1234] = 300.0

@@ -735,3 +735,24 @@ def test_decimal_commas_of_some_rows_between_commas_are_named(rows, line, column
     )
     with pytest.raises(RecordError, match=words):
         read_record(path)
+
+
+@pytest.mark.parametrize(("role", "heading"), [("time", "t"), ("volts", "V"), ("displacement", "z")])
+def test_of_a_column_without_numbers_the_remedy_is_another_column(tmp_path: Path, role: str, heading: str) -> None:
+    """`drop_bad_rows` was named, which left no row; so it was with fewer rows than a record has."""
+    columns = {"time": T, "volts": V, "displacement": Z} | {role: np.full(ROWS, np.nan)}
+    path = text(tmp_path / "a.csv", *columns.values(), Z + 1.0, head="t (s),V,z (um),other\n")
+    for drop in (False, True):
+        with pytest.raises(
+            RecordError, match=rf"{role}( \({heading}\))? has no number in all \d+ rows: name .* `{role}`"
+        ):
+            read_record(path, drop_bad_rows=drop)
+    assert read_record(path, **{role: "other"}).time.size == ROWS if role == "displacement" else True
+    assert read_record(path, sample_rate=1000.0).time.size == ROWS if role == "time" else True
+
+
+def test_rows_are_not_to_be_dropped_where_too_few_remain(tmp_path: Path) -> None:
+    moved = np.where(np.arange(ROWS) % (ROWS // 20) == 0, Z, np.nan)
+    with pytest.raises(RecordError, match="displacement is missing") as caught:
+        read_record(text(tmp_path / "a.csv", T, V, moved, head="t (s),V,z (um)\n"))
+    assert "drop_bad_rows" not in str(caught.value)

@@ -47,6 +47,17 @@ def test_noise_alone_is_good() -> None:
     assert max(found.voltage, found.velocity, found.history, found.time) < 0.02
 
 
+def test_what_is_rare_in_a_record_comes_before_what_the_residual_shows() -> None:
+    """A question about the unit of the time was the last of several reasons: if it is wrong, so are they."""
+    error = 0.1 * np.sin(2 * np.pi * 0.5 * T)
+    found = judged(error)[0]
+    findings = examine(Record.from_arrays(X, PREDICTED + error + NOISE, sample_rate=RATE))
+    asked = dataclasses.replace(findings, implausible=("are the stamps in ms? State the unit", "is it in nm?"))
+    said = verdict(found, HeldOut(0.07, 0.2, 0.2, 0.0, 1000, 0.95), asked).reasons
+    assert said[:2] == ("Are the stamps in ms? State the unit.", "Is it in nm?")
+    assert len(said) > 2
+
+
 def test_a_jump_of_the_zero_beneath_the_noise_is_dated() -> None:
     """Two deviations of the noise. An error that comes back is none, and one above the noise may be the model's."""
     found, reasons, level = judged(0.02 * (T > 7.0) - 0.01)

@@ -40,6 +40,8 @@ DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 @click.option("--sensor-delay", metavar="S", type=float, help="Of the sensor, from its data sheet.  [default: as in "
               "the settings of the axis, else 0]")  # fmt: skip
 @click.option("--sensor-bandwidth", metavar="HZ", type=float, help="The same; 0 is not known.")
+@click.option("--amplifier-bandwidth", metavar="HZ", type=float, default=0.0, help="Of the amplifier, from its data "
+              "sheet, where the measurement cannot show it; 0 is not known.")  # fmt: skip
 @click.option("--output", metavar="NAME", default="dynamics", help="Write NAME.toml and NAME.html.")
 @common.page_options
 def bode(config: Path | None, axis: str | None, output: str, plots: Path | None, as_json: bool, **options: Any) -> int:
@@ -58,7 +60,7 @@ def bode(config: Path | None, axis: str | None, output: str, plots: Path | None,
         with _actuator(config, axis) as (actuator, limits), checks.inside("", named):
             found = _measured(actuator, limits, options, as_json)
     except truestroke.DynamicsError as error:
-        return _failed(str(error), as_json)
+        return _failed(str(error), model_file, as_json)
     code = _reported(found, limits, model_file, page_file, plots, as_json)
     if not as_json:
         common.print_simulated(config)
@@ -88,12 +90,19 @@ def _measured(actuator: truestroke.Actuator, limits: dict[str, Any], options: di
     return truestroke.measure_bode(actuator, **{**limits, **given}, report=common.activity(as_json))
 
 
-def _failed(reason: str, as_json: bool) -> int:
+def _nothing_written(file: Path) -> None:
+    """A line for a bad verdict; dynamics of an older measurement may be there."""
+    before = f"; {file} is of an older measurement" if file.exists() else ""
+    common.print_text(f"written    no dynamics, as the verdict is bad{before}")
+
+
+def _failed(reason: str, model_file: Path, as_json: bool) -> int:
     verdict = Verdict("bad", (common.in_words_of(click.get_current_context().command, reason),))
     if as_json:
         common.print_json({**verdict.as_dict(), "exit_code": int(ExitCode.CHECK)})
     else:
         common.print_verdict(verdict)
+        _nothing_written(model_file)
     return ExitCode.CHECK
 
 
@@ -117,5 +126,7 @@ def _reported(
     for name, value, beside in dynamics.rows(found, *bounds):
         click.echo(f"{name:10} {value:22} {beside}")
     common.print_verdict(found.verdict)
+    if used is None:
+        _nothing_written(model_file)
     common.print_files(written=used, page=page_file, pictures=plots)
     return code

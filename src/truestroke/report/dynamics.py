@@ -38,6 +38,10 @@ WORDS = {
     "bad": "Do not use the model.",
 }
 
+ASSUMED = (
+    " The sensor is assumed to have no lag or delay: none was stated, and a measurement shows those of both as one."
+)
+
 
 def rows(found: Bode, voltage_limits: tuple[float, float], slew: float) -> list[list[str]]:
     """Quantity, value with its standard deviation, remark; limits in V and V/s."""
@@ -57,6 +61,7 @@ def rows(found: Bode, voltage_limits: tuple[float, float], slew: float) -> list[
         *made,
         ["amplifier", lag if d.amplifier_bandwidth else "no lag seen", "corner of a first-order lag"],
         ["dead time", late, f"{d.dead_time * d.sample_rate:z.2f} ticks"],
+        _sensor(found),
         [
             "gain",
             f"{found.gain:.3g} um/V",
@@ -74,6 +79,17 @@ def bank_of(found: Bode, voltage_limits: tuple[float, float]) -> Feedback:
     stroke = abs(found.gain) * (high - low)
     noise = min(found.record.noise, stroke) if np.isfinite(found.record.noise) else None
     return design(found.dynamics, latency=min(found.record.latency, 20), stroke=stroke, noise=noise)
+
+
+def _sensor(found: Bode) -> list[str]:
+    """The row of the sensor: what was stated of it, or what becomes of what was not."""
+    d = found.dynamics
+    lag = f"{figures(d.sensor_bandwidth)} Hz" if d.sensor_bandwidth else ""
+    late = f"{figures(1e6 * d.sensor_delay)} us" if d.sensor_delay else ""
+    if not lag and not late:
+        return ["sensor", "assumed ideal", "lag and delay of it count as the stage's: see its data sheet"]
+    other = "as stated" if lag and late else f"as stated; its {'delay' if lag else 'lag'} counts as the stage's"
+    return ["sensor", ", ".join(filter(None, (lag, late))), other]
 
 
 def _fed_back(bank: Feedback) -> list[str]:
@@ -116,7 +132,7 @@ def page(found: Bode, voltage_limits: tuple[float, float], slew: float, command:
         title=f"Dynamics of a stage that rings at {d.modes[0].frequency:.4g} Hz",
         lead=f"A multisine of {peak} about {found.record.bias:.3g} V, {wave.volts.size / d.sample_rate:.2g} s: {band}.",
         verdict=found.verdict,
-        remark=WORDS[found.verdict.level],
+        remark=WORDS[found.verdict.level] + ASSUMED * (not (d.sensor_delay or d.sensor_bandwidth)),
         sections=[
             Section(tables=[Table(columns=columns, rows=rows(found, voltage_limits, slew), text=True)]),
             closer(chart(found)),

@@ -31,6 +31,7 @@ LOWEST = 60  # lines: where any stage follows
 RISE = 1.4  # relative: from where a resonance is prominent to its peak, at most
 NEAR = 0.1  # relative: about a peak all lines are fitted
 LOW = 0.05  # of the first resonance: below it nothing is judged
+FOLDED = 0.2  # of the sample rate: a resonance above half of the rate appears from there on, with another phase
 ALL = 0.9  # of the highest frequency that a sample rate shows: a band that goes so far is as wide as can be
 SPRING = 0.3  # of it: below, the stage is a spring, and hysteresis and creep scatter and curve the response
 BELOW = 0.6  # of it: up to there a controller needs the response
@@ -165,7 +166,12 @@ class Bode(Displayed):
 
 @one_thread
 def identify_dynamics(
-    record: SmallMotion, *, modes: int | None = None, sensor_delay: float = 0.0, sensor_bandwidth: float = 0.0
+    record: SmallMotion,
+    *,
+    modes: int | None = None,
+    sensor_delay: float = 0.0,
+    sensor_bandwidth: float = 0.0,
+    amplifier_bandwidth: float = 0.0,
 ) -> Bode:
     """Modes, lag of the amplifier and dead time of a record.
 
@@ -177,6 +183,8 @@ def identify_dynamics(
         1 to 3; by default as many as the record gives evidence of.
     sensor_delay, sensor_bandwidth
         Of the sensor, s and Hz, from its data sheet: they are not taken for the stage's.
+    amplifier_bandwidth : float
+        Hz, from its data sheet; 0 is not known, and the record shows it.
 
     Raises
     ------
@@ -186,14 +194,16 @@ def identify_dynamics(
     z = _complete(record.z)
     lines = record.excitation.lines
     U, Y = np.fft.rfft(record.excitation.volts)[lines], np.fft.rfft(z)[lines]
-    known = _sensor(record.excitation.frequency, sensor_delay, sensor_bandwidth)
+    known = _lags(record.excitation.frequency, sensor_delay, sensor_bandwidth, amplifier_bandwidth)
     local = local_response(U, Y)
     whole = Spectra(record.sample_rate, z.size, record.excitation.frequency, U * known, Y, local.variance)
     peak = _peak(whole, local, record.louder)
     chosen = _chosen(whole, local, peak)
-    made = fits(chosen, peak, _delay(whole, local, peak), modes or 3)
+    made = fits(chosen, peak, _delay(whole, local, peak), modes or 3, lags=not amplifier_bandwidth)
     best = beside_a_lag(_best(made, modes, chosen, record), made)
     dynamics = _dynamics(best, record, chosen, sensor_delay, sensor_bandwidth)
+    if amplifier_bandwidth:
+        dynamics = replace(dynamics, amplifier_bandwidth=amplifier_bandwidth)
     return _judged(dynamics, best, whole, record, known)
 
 
@@ -209,9 +219,10 @@ def _complete(z: FloatArray) -> FloatArray:
     return np.interp(ticks, ticks[used], z[used])
 
 
-def _sensor(frequency: FloatArray, delay: float, bandwidth: float) -> ComplexArray:
-    s = 2j * np.pi * frequency
-    return np.asarray(np.exp(-s * delay) / (1 + s / (2 * np.pi * bandwidth) if bandwidth else 1.0))
+def _lags(frequency: FloatArray, delay: float, *bandwidths: float) -> ComplexArray:
+    """Response of what is known of sensor and amplifier; a bandwidth of 0 is none."""
+    lags = math.prod(1 + 1j * frequency / bandwidth for bandwidth in bandwidths if bandwidth)
+    return np.asarray(np.exp(-2j * np.pi * frequency * delay) / lags)
 
 
 def _peak(spectra: Spectra, local: LocalResponse, louder: str) -> float:
@@ -352,8 +363,8 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
     if early > max(CERTAIN * sure, slight) or ticks > LATEST:
         raise DynamicsError(
             f"the measurement comes {ticks:.2f} ticks after its command, beyond the latency that the driver states; "
-            f"from {EARLIEST:g} to {LATEST:g} is possible: look at the latency of the driver; a "
-            "digital filter in the sensor or its converter looks like that, too: widen it or switch it off"
+            f"from {EARLIEST:g} to {LATEST:g} is possible: {_beyond(rate) if early else ''}look at the latency of the "
+            "driver; a digital filter in the sensor or its converter looks like that, too: widen it or switch it off"
         )
     lag = fit.lag - early / rate
     order = list(np.argsort(fit.frequency))
@@ -366,6 +377,14 @@ def _dynamics(fit: Fit, record: SmallMotion, used: Spectra, sensor_delay: float,
         sensor_delay=sensor_delay,
         sensor_bandwidth=sensor_bandwidth,
         uncertainty={names.get(name, name): value for name, value in fit.deviations.items()},
+    )
+
+
+def _beyond(rate: float) -> str:
+    """What a resonance beyond the sample rate does, whose phase below it seems early."""
+    return (
+        f"a stage that resonates above {SEEN * rate:g} Hz, beyond what {rate:g} Hz sees, looks like that: measure at a "
+        "higher sample rate; or "
     )
 
 
@@ -442,12 +461,17 @@ def _findings(
     end = int(run[0]) if run.size else f.size
     trusted = float(f[end - 1]) if end else 0.0
     findings: list[tuple[Level, str]] = []
+    around = misfit & (f < 1.3 * first)
+    if around.any() and float(residual[around].max()) > WRONG and first > FOLDED * record.sample_rate:
+        half = f"{record.sample_rate / 2:g} Hz"
+        words = f"A resonance above half of the sample rate, {half}, appears below it, with a response like this one"
+        findings.append(("bad", f"{words}: measure at a higher sample rate."))
     if trusted < 0.5 * first:
-        reason = f"The model may be trusted to {figures(trusted)} Hz only, the first resonance is at {first:.4g} Hz"
+        at = f"the first resonance is at {figures(first, 4)} Hz"
+        reason = f"The model may be trusted to {figures(trusted)} Hz only, {at}"
         findings.append(("bad", f"{reason}: {record.finer if misfit[end] else record.louder}."))
     elif trusted < first:
         findings.append(("doubtful", f"The model may be trusted to {figures(trusted)} Hz, below the first resonance."))
-    around = misfit & (f < 1.3 * first)
     if around.any():
         most = float(residual[around].max())
         where = f"{figures(f[around].min())} to {figures(f[around].max())} Hz"
@@ -469,8 +493,8 @@ def _of_the_amplifier(dynamics: Dynamics) -> list[tuple[Level, str]]:
     return [(
         "bad" if unsure > WRONG else "doubtful",
         f"The bandwidth of the amplifier, {figures(corner)} Hz, has a standard deviation of {figures(deviation)} Hz: "
-        "so slow a lag looks like hysteresis and creep, and the response above it has its error. Replace "
-        "`amplifier_bandwidth` in the `dynamics` of `measure_bode` by that of its data sheet, or use a faster one.",
+        "so slow a lag looks like hysteresis and creep, and the response above it has its error. State "
+        "that of its data sheet (`amplifier_bandwidth`), or use a faster one.",
     )]  # fmt: skip
 
 

@@ -376,24 +376,26 @@ def modal(found: Fit, f: FloatArray) -> ComplexArray:
     return np.asarray(sum(share / (1 - (f / f0) ** 2 + 2j * zeta * f / f0) for f0, zeta, share in parts))
 
 
-def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fit]:
+def fits(spectra: Spectra, first: float, delay: float, most: int = 3, lags: bool = True) -> list[Fit]:
     """With one mode, two, ... the best first; another mode is tried where the residual may have one.
 
-    `first` is the frequency of the first mode, Hz, and `delay` the dead time, ticks, to begin with.
+    `first` is the frequency of the first mode, Hz, and `delay` the dead time, ticks, to begin with. Without `lags` that
+    of the amplifier is known, and in the input.
     """
     frequency, damping, lag, rough, made = [first], [0.02], 0.3, delay, list[Fit]()
+    with_a_lag = (True, False) if lags else (False,)
     while True:
         count = len(frequency)
-        starts = [(True, delay, lag), (False, delay, lag)]
-        if delay > 1.0:  # most of it may be a lag: another minimum
+        starts = [(known, delay, lag) for known in with_a_lag]
+        if delay > 1.0 and lags:  # most of it may be a lag: another minimum
             starts += [(True, 0.2 * delay, 0.8 * delay)]
         tried = [Problem(spectra, count, known).run(frequency, damping, d, tau) for known, d, tau in starts]
         best = min(tried, key=lambda fit: fit.evidence)
         if count == 1:
-            tried += _shifted(spectra, best, first, delay)
+            tried += _shifted(spectra, best, first, delay, with_a_lag)
             best = min(tried, key=lambda fit: fit.evidence)
         if count > 1 and best.cost > POOR * best.response.size:  # fewer modes had dead time and lag that are wrong
-            tried += [Problem(spectra, count, known).run(frequency, damping, rough, 0.3) for known in (True, False)]
+            tried += [Problem(spectra, count, known).run(frequency, damping, rough, 0.3) for known in with_a_lag]
             best = min(tried, key=lambda fit: fit.evidence)
         worse = bool(made) and best.evidence >= min(fit.evidence for fit in made)
         made += tried
@@ -414,13 +416,13 @@ def fits(spectra: Spectra, first: float, delay: float, most: int = 3) -> list[Fi
     return sorted(made, key=lambda fit: fit.evidence)
 
 
-def _shifted(spectra: Spectra, fit: Fit, start: float, delay: float) -> list[Fit]:
+def _shifted(spectra: Spectra, fit: Fit, start: float, delay: float, lags: Sequence[bool]) -> list[Fit]:
     """From where a fit with one mode ended, if that is the end of where the mode was looked for, from `start` Hz."""
     made = list[Fit]()
-    while abs(math.log(fit.frequency[0] / start)) > 0.99 * math.log(ABOUT) and len(made) < 2 * SHIFTS:
+    while abs(math.log(fit.frequency[0] / start)) > 0.99 * math.log(ABOUT) and len(made) < len(lags) * SHIFTS:
         start = float(fit.frequency[0])
-        made += [Problem(spectra, 1, known).run([start], [0.02], delay) for known in (True, False)]
-        fit = min(made[-2:], key=lambda fit: fit.evidence)
+        made += [Problem(spectra, 1, known).run([start], [0.02], delay) for known in lags]
+        fit = min(made[-len(lags) :], key=lambda fit: fit.evidence)
     return made
 
 

@@ -24,7 +24,6 @@ HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
 FADING, FADING_CYCLES, FADING_FREQUENCY = 0.1, 8, 8.0  # of the voltage range; cycles; Hz
 LEAD = 0.25  # s of the excitation before its period
 CORNERS = 1000.0, 500.0, 200.0, 100.0  # Hz: from which on the amplitudes of the excitation fall: as the slew allows
-HIGHEST = 8000.0  # Hz: end of the band, at most
 PERIODS = 8  # of the lowest frequency in the duration
 LEVELS = 0.01, 0.03  # of the voltage range: the peak of the excitation, at least and at most
 LOUD = 24.0  # standard deviations of the noise: the peak of the displacement that is aimed at
@@ -95,6 +94,7 @@ def measure_bode(
     modes: int | None = None,
     sensor_delay: float = 0.0,
     sensor_bandwidth: float = 0.0,
+    amplifier_bandwidth: float = 0.0,
     seed: int = 0,
     report: Callable[[str], None] = lambda _: None,
 ) -> Bode:
@@ -113,8 +113,7 @@ def measure_bode(
     amplitude : float, optional
         Peak of the excitation, V; by default 1 to 3 % of the voltage range, by the noise of the sensor.
     band : tuple[float, float], optional
-        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate, 8 kHz
-        at most.
+        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate.
     duration : float
         Of the excitation, s.
     slew_limit : float, optional
@@ -127,6 +126,9 @@ def measure_bode(
     sensor_delay, sensor_bandwidth : float
         Of the sensor, s and Hz, as far as known from its data sheet; the measurement cannot distinguish them from
         those of the stage.
+    amplifier_bandwidth : float
+        Hz, from its data sheet, where the measurement cannot show it, as of one that is far slower than the resonance;
+        0 is not known.
     seed : int
         Of the phases of the excitation.
     report : callable, optional
@@ -155,7 +157,9 @@ def measure_bode(
     timing = checks.instance("actuator.open()", actuator.open(), Timing, "a Timing(sample_rate=...)")
     checks.count("channels of the actuator", timing.channels, 1, 1)
     band = _band(band, timing.sample_rate, duration)
-    _refuse_before(timing, (low, high), bias, slew, amplitude, travel, sensor_delay, sensor_bandwidth)
+    _refuse_before(
+        timing, (low, high), bias, slew, amplitude, travel, sensor_delay, sensor_bandwidth, amplifier_bandwidth
+    )
     line = _Line(actuator, timing, slew, safe)
     with line:
         report("bias")
@@ -174,12 +178,15 @@ def measure_bode(
         latency=timing.latency + timing.block - 1, slew_limit=slew, wanted_slew=wanted,
         travel=math.inf if travel is None else travel,
     )  # fmt: skip
-    return identify_dynamics(record, modes=modes, sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth)
+    return identify_dynamics(
+        record, modes=modes, sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth,
+        amplifier_bandwidth=amplifier_bandwidth,
+    )  # fmt: skip
 
 
 def _band(band: tuple[float, float] | None, rate: float, duration: float) -> tuple[float, float]:
     if band is None:
-        return PERIODS / duration, min(SEEN * rate, HIGHEST)
+        return PERIODS / duration, SEEN * rate
     low, high = checks.interval("band", band, "Hz")
     if low < 2 / duration or high > SEEN * rate:
         bound = f"within {2 / duration:g} Hz, two periods in {duration:g} s, and {SEEN * rate:g} Hz, {SEEN} of the rate"
@@ -189,7 +196,7 @@ def _band(band: tuple[float, float] | None, rate: float, duration: float) -> tup
 
 def _refuse_before(
     timing: Timing, limits: tuple[float, float], bias: float, slew: float, amplitude: float | None,
-    travel: float | None, sensor_delay: float, sensor_bandwidth: float,
+    travel: float | None, sensor_delay: float, sensor_bandwidth: float, amplifier_bandwidth: float,
 ) -> None:  # fmt: skip
     """SettingError for what would else be refused after the stage has moved."""
     low, high = limits
@@ -208,7 +215,7 @@ def _refuse_before(
         )
     Dynamics(
         sample_rate=timing.sample_rate, modes=(Mode(frequency=0.1 * timing.sample_rate, damping=0.1),),
-        sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth,
+        sensor_delay=sensor_delay, sensor_bandwidth=sensor_bandwidth, amplifier_bandwidth=amplifier_bandwidth,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ SMALL, OTHERS = 0.01, 4.0  # the same at least, if it is so many times what near
 MOST, SAMPLED = 99.8, 200_000  # per cent of the rows, and rows, evenly taken, that show it
 BY_CHANCE = 12.0  # deviations of the noise: a step from row to row that is smaller may be noise
 CONVERTED = 4.0  # steps of a converter: noise makes jumps of one or two
+NAMED = 8  # rows of which a sentence says where they are, behind the first
 ALONE = 10.0  # times what the rows beside it do
 QUIET = 5.0  # or, where those beside it are within so many deviations of the noise
 BESIDE = 2  # rows on either side
@@ -106,8 +107,17 @@ def _of_spikes(record: Record) -> Iterator[str]:
             k = int(rows[0])
             yield (
                 f"the {name} is far from the rows beside it in {_rows(rows.size)}, first at {_at(record, k)}: "
-                f"{signal[k]:.4g} between {signal[k - 1]:.4g} and {signal[k + 1]:.4g} {unit}; leave these rows out"
+                f"{signal[k]:.4g} between {signal[k - 1]:.4g} and {signal[k + 1]:.4g} {unit}{_others(record, rows)}; "
+                "leave these rows out: delete them, or write NaN in them and give `drop_bad_rows`"
             )
+
+
+def _others(record: Record, rows: Rows) -> str:
+    """Where the other rows are, as far as a sentence can say it."""
+    if rows.size < 2:
+        return ""
+    named = ", ".join(_at(record, k).removesuffix(" s") for k in rows[1 : NAMED + 1].tolist())
+    return f", then at {named} s{' and so on' if rows.size > NAMED + 1 else ''}"
 
 
 def _spikes(signal: FloatArray) -> Rows:

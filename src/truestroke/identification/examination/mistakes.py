@@ -28,7 +28,7 @@ BURSTS, APART, NO_FURTHER = 20, 4.0, 2.0  # gaps, times an interval, and times a
 SURE = 4.0  # deviations of the noise that the voltage moves from row to row, where that is compared
 SECONDS, DAYS = ("s", "min", "h", "day"), (29_221.0, 73_051.0)  # units of a second and more; days since 1900
 LONGER = ("min, h or days", "min, h or day"), ("days, as of a spreadsheet", "day")
-SLOW = 1.0  # Hz: stamps of no stated unit that give no higher rate are in ms, or count the rows
+SLOW, LONG = 1.0, 9000.0  # Hz, s: stamps of no stated unit that give less than one and more than the other
 LEADS = -1.5  # % of stroke: mean width of a loop that turns the wrong way round
 EARLIEST = 0.25  # of a stroke: twice as far a displacement is looked for before steps
 EARLY, EARLY_ROWS = 0.02, 2.5  # of a stroke, and rows, by which the displacement may be ahead of the voltage
@@ -129,10 +129,10 @@ def _of_clock(record: Record, found: Findings) -> Iterator[str]:
             f"{1e-3 * rate:.4g} kHz: {remedy}"
         )
     yield from _of_reading(record)
-    if time is not None and not time.stated and rate <= SLOW and record.source != "arrays":
+    if time is not None and not time.stated and rate <= SLOW and found.duration_s > LONG and record.source != "arrays":
         yield (
-            f"the time stamps have no unit, and in s one row would be {1 / rate:.4g} s: are they in ms (`time_unit`), "
-            "or do they count the rows (`sample_rate`)?"
+            f"the time stamps have no unit, and in s one row would be {1 / rate:.4g} s, the record "
+            f"{found.duration_s / 3600:.3g} h: are they in ms (`time_unit`), or do they count the rows (`sample_rate`)?"
         )
 
 

@@ -14,7 +14,8 @@ from truestroke.identification.examination import slew
 from truestroke.identification.examination.changes import changed
 from truestroke.identification.examination.clipping import clipped_volts
 from truestroke.identification.examination.findings import Findings
-from truestroke.identification.examination.mistakes import SECONDS, SMOOTH, TOGETHER, ringing
+from truestroke.identification.examination.mistakes import LONG, SECONDS, SMOOTH, TOGETHER, ringing
+from truestroke.identification.examination.mistakes import SLOW as SLOWEST
 from truestroke.identification.examination.rows import rewritten
 from truestroke.identification.examination.unrecorded import of_volts
 from truestroke.identification.records import turning
@@ -25,9 +26,10 @@ from truestroke.signals.columns import Column
 from truestroke.signals.noise import converter_step, noise, rounding
 
 SOON, TARDY = 50e-6, 0.1  # s: an amplifier or a sensor is later than the first, none is later than the second
+AHEAD = 2.5, 1.0  # rows by which reversals and rates of the displacement are both before the voltage's
 SHOWN = 0.25  # rows: to which reversals show a delay
 BY_NOISE = 2.0  # times the noise as a share of the stroke, of the time of a stroke: so late noise lets a turn seem
-LONG, SLOW = 9000.0, 200.0  # s of motion, and Hz: few records are longer; one of 10 s in ms that are taken for s is
+SLOW = 200.0  # Hz: few records of `LONG` s of motion are slower; one of 10 s in ms that are taken for s is
 ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
 COUNTED = 1000  # stamps or values that are looked at
 STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
@@ -35,6 +37,7 @@ FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and t
 ROWS = 50_000  # that it is fitted to
 NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
 SMALL, LARGE = 0.1, 2000.0  # um: strokes that are rather written in nm, and in mm
+OF_STAGE = 40.0, 20e3  # um/V, um/s: amplified stages and benders of more than `LARGE` do no more; nm of a stack do
 PLATE, SHORT = 1e-3, 0.01  # um/V of a single plate at most, and um: strokes so short are measured with little noise
 QUIET, QUIETEST = 2e-4, 3e-5  # um: noise of few sensors, and of hardly any
 STRONG = 150.0  # um/V: few actuators move further by the signal that controls their amplifier
@@ -85,6 +88,7 @@ def implausible(record: Record, found: Findings) -> tuple[str, ...]:
     of_signals = (
         *_of_sampling(record, found),
         *_of_bursts(record, found),
+        *_of_lead(record, found),
         *_of_means(record, found),
         *_of_hysteresis(record, found),
         *_of_levels(record, found),
@@ -127,7 +131,13 @@ def _of_turns(record: Record, found: Findings) -> Iterator[str]:
 
 def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
     """Stamps said to be in s that count the rows, or make a record of hours out of few rows."""
-    rate = found.sample_rate_hz
+    rate, time = found.sample_rate_hz, record.columns["time"]
+    if not time.stated and rate <= SLOWEST:
+        yield (
+            f"the time stamps ({heading!r}) have no unit, and in s one row is {1 / rate:.4g} s: are they in ms, or do "
+            "they count the rows? State the unit (`time_unit` s if it is that), or the sample rate (`sample_rate`)"
+        )
+        return
     if np.all(np.diff(record.time[:COUNTED]) == 1.0):
         yield (
             f"the time stamps ({heading!r}) are one apart each: do they count the rows? State the sample rate "
@@ -138,7 +148,7 @@ def _of_stamps(record: Record, found: Findings, heading: str) -> Iterator[str]:
     if moved > LONG and rate < SLOW and found.strokes >= 4:
         yield (
             f"the time stamps ({heading!r}) make {found.strokes} strokes in {moved / 3600:.3g} h, one row each "
-            f"{1 / rate:.3g} s: are they in ms? {_stated(record.columns['time'], 'ms')}"
+            f"{1 / rate:.3g} s: are they in ms? {_stated(time, 'ms')}"
         )
 
 
@@ -171,6 +181,19 @@ def _of_bursts(record: Record, found: Findings) -> Iterator[str]:
             f"the rows are in {len(found.gaps) + 1} bursts of {figures(rows, 2)} on average, between which "
             f"{100 * missing / found.duration_s:.2g} % of the time is not measured: speed, lag and creep are then not "
             "those of the actuator. Record evenly, or take the mean of each burst as one row"
+        )
+
+
+def _of_lead(record: Record, found: Findings) -> Iterator[str]:
+    """A displacement whose turns and whose rates come before the voltage's: hysteresis alone makes the rates late."""
+    delay, lag = found.delay_ms, found.lag_ms
+    if delay is None or lag is None or 100 * found.noise_um > NOISY * found.stroke_um:
+        return
+    row = 1e3 / found.sample_rate_hz
+    if delay < -AHEAD[0] * row and lag < -AHEAD[1] * row:
+        yield (
+            f"the displacement turns {figures(-delay, 2)} ms before the voltage, its cause: is the voltage filtered, "
+            "or behind a slow monitor, or is the displacement shifted? Record both through the same filters"
         )
 
 
@@ -237,7 +260,9 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
             "the displacement has no unit, and stays within +-10 as the volts of a sensor do: is it in um? State its "
             "unit (`displacement_unit`), or its um/V (`displacement_scale`)"
         )
-    elif moved.unit == "um" and not moved.asked and not SMALL <= stroke <= LARGE:
+    elif (
+        moved.unit == "um" and not moved.asked and (stroke < SMALL or (stroke > LARGE and not _of_stage(found, moved)))
+    ):
         others = "nm or mm" if stroke < SMALL else "nm or counts"
         yield f"the stroke is {figures(stroke)} um: is it in {others}? State its unit ({_say('displacement', moved)})"
     elif moved.unit == "nm" and not moved.asked and (like := _of_nanometres(found, gain)):
@@ -252,6 +277,12 @@ def _of_displacement_unit(record: Record, found: Findings) -> Iterator[str]:
     elif volts.unit == "mV" and not volts.asked and (span < TINY or (span < MILLIVOLTS[0] and gain > MILLIVOLTS[1])):
         said = f"is the voltage in V? State its unit ({_say('volts', volts)})"
         yield f"{figures(1e3 * span)} mV move {figures(stroke)} um: {said}"
+
+
+def _of_stage(found: Findings, moved: Column) -> bool:
+    """Whether a stroke of several mm is one: the file says um, and gain and speed are of an amplified stage."""
+    gain, speed = OF_STAGE
+    return bool(moved.of_file) and abs(found.gain_um_per_v) <= gain and found.rates_um_s[2] <= speed
 
 
 def _say(role: str, column: Column) -> str:

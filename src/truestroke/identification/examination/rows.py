@@ -36,6 +36,7 @@ SHORT_BESIDE = 10  # the same of the displacement's
 ABOUT = 0.4, 3.0  # the same where it is far beyond all others: a lag has less, a turn that is missing less or more
 SHOWN = 0.015  # of the span: so far it jumps
 ALONE = 0.5  # of that, or of what stands out: no other row jumps so far
+AT_ONCE = 0.5  # of a jump: in the one row in which it is
 FEW_JOINTS = 4  # a motion that jumps more often is meant to
 EVEN = 0.2  # of a step: so far the two before and behind it differ from their mean, where the voltage is smooth
 MISSING, MOST_MISSING = 1.7, 30.0  # times these: a step over a row that is missing, and over many
@@ -209,6 +210,9 @@ def _sudden(record: Record, found: Findings, slow: float) -> list[int]:
     least = max(SHOWN * float(np.ptp(x)), SUDDEN * float(size.max()))
     large = [each for each in places if abs(each[1]) > least]
     if len(large) > FEW_JOINTS or not all(moves for *_, moves in large):
+        return []
+    steps, by_noise = np.abs(np.diff(x)), CLEAR * noise(x, record.segments)
+    if any(steps[k] + by_noise < AT_ONCE * abs(by) for k, by, _ in large):  # a quick way in some rows, as to a start
         return []
     if any(abs(by) > ALONE * least for _, by, _ in places[len(large) :]):
         return []

@@ -18,7 +18,7 @@ from truestroke.identification.records.turning import reversals
 from truestroke.model.branches import Branches
 from truestroke.model.layout import MAX_CREEPS
 from truestroke.model.sampled import play_sum
-from truestroke.signals.noise import noise as sensor_noise
+from truestroke.signals.noise import noise_with_tails
 
 BLOCKS = 6  # of the cross-validation: each but the first three is predicted from those before it
 FIRST = 3
@@ -304,7 +304,7 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray,
     residual = (data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]
     noise, weights = float(np.var(residual)), [w * weight for w in WEAKER]
     bank, tried = _with_branches(data, s, strain, KINDS, weights)
-    of_sensor = sensor_noise(residual, (slice(0, residual.size),))
+    of_sensor = noise_with_tails(residual)
     plain = min(bank.rmse(s, w) for w in weights)
     enough, near = (_enough(plain, of_sensor, times) for times in (BRANCHES_STAY if stay else 1.0, FINER_IF))
     of_kinds = min(entry[0] for entry in tried)

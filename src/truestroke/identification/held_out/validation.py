@@ -293,6 +293,7 @@ def verdict(
     """
     return Verdict.of([
         *(("bad", f"The record contradicts itself: {_ended(mistake)}") for mistake in findings.mistakes),
+        *(("doubtful", _ended(f"{text[0].upper()}{text[1:]}")) for text in findings.implausible),
         *_of_error(found, held_out, findings),
         *_of_zero(found, held_out),
         *(() if response is None else _of_dead_time(response, findings)),
@@ -557,8 +558,6 @@ def _of_excitation(findings: Findings, branches: bool) -> Iterator[tuple[Level, 
             "The voltage is at few levels, and hardly in between: for other motion the model is untested. Record ways "
             "between them, such as a random wave.",
         )
-    for text in findings.implausible:
-        yield "doubtful", f"{text[0].upper()}{text[1:]}{'' if text.endswith('?') else '.'}"
     if findings.assumed_displacement:
         yield (
             "doubtful",

@@ -41,6 +41,8 @@ HEADINGS = {
 }
 """By which a column is found where it is not named, the best first; of several languages."""
 
+_LEAVES_OUT = "; `drop_bad_rows` leaves such rows out"
+
 EXPECTED = "a Record, such as of truestroke.read_record(path)"
 
 
@@ -234,7 +236,7 @@ def as_record(record: Any) -> Record:
 def _read(
     path: Path, table: Table, wanted: Sequence[Wanted], complete: bool
 ) -> tuple[dict[str, FloatArray], dict[str, Column]]:
-    """The columns; to the end where the displacement is missing in the first row, or in the last that was read."""
+    """The columns; to the end where a first number is missing, or the last displacement that was read."""
     optional = [w for w in wanted if not w.needed]
     try:
         signals, columns = read_columns(path, table, wanted, _places(table), complete)
@@ -242,7 +244,8 @@ def _read(
         if not optional:
             raise
         return _read(path, table, [w for w in wanted if w.needed], complete)
-    if not complete and np.isnan(signals["displacement"][[0, -1]] if signals["displacement"].size else 0.0).any():
+    first = [signal[0] for signal in signals.values() if signal.size]
+    if not complete and np.isnan([*first, *signals["displacement"][-1:]]).any():
         return read_columns(path, table, wanted, _places(table), True)
     return signals, columns
 
@@ -314,11 +317,12 @@ def _checked(
     time, signals = time[ends], {role: signal[ends] for role, signal in signals.items()}
     table = dataclasses.replace(table, locate=partial(_from, table.locate, ends.start))
     _refuse_several(source, time, table)
+    _refuse_empty(source, {**signals, "time": time}, columns, table)
+    keep = _good_rows({**signals, "time": time})
     if drop or table.marked:
-        keep = _good_rows({**signals, "time": time})
         time, signals = time[keep], {role: signal[keep] for role, signal in signals.items()}
     else:
-        refuse_bad_rows(source, {**signals, "time": time}, table, "; `drop_bad_rows` leaves such rows out")
+        refuse_bad_rows(source, {**signals, "time": time}, table, _LEAVES_OUT if keep.sum() >= FEWEST_ROWS else "")
         _refuse_late_rows(source, time, table)
     if time.size < FEWEST_ROWS:
         left = f" that can be used, of {rows}" if time.size < rows else ""
@@ -335,6 +339,17 @@ def _measured(displacement: FloatArray) -> slice:
     """Rows between the first and the last measurement: a driver's latency leaves none in the last ticks of a run."""
     known = np.flatnonzero(~np.isnan(displacement))
     return slice(int(known[0]), int(known[-1]) + 1) if known.size else slice(0, displacement.size)
+
+
+def _refuse_empty(source: str, signals: Mapping[str, FloatArray], columns: Mapping[str, Column], table: Table) -> None:
+    """A column without any number, of which no row remains: another one is meant."""
+    for role, signal in signals.items():
+        if signal.size and not np.isfinite(signal).any() and not formats.thousands(table.locate(0)[1]):
+            heading = columns[role].heading if role in columns else role
+            column = f" ({heading})" if heading != role else ""
+            instead = "; or leave it out of the file, and give the `sample_rate`" if role == "time" else ""
+            reason = f"{role}{column} has no number in all {signal.size} rows: name the right column by `{role}`"
+            raise RecordError(source, reason + instead)
 
 
 def _refuse_unreadable_end(source: str, ends: slice, rows: int, table: Table) -> None:
