@@ -639,6 +639,43 @@ def test_a_pass_whose_record_is_not_that_of_its_voltage_counts_for_nothing(spoil
     assert made.rmse < 0.01
 
 
+@pytest.mark.parametrize(("by", "why"), [
+    (10, "9.9 samples, 0.00099 s, too late for its voltage"),
+    (33, "too late for its voltage"),
+    (-15, "too early for its voltage"),
+])  # fmt: skip
+@pytest.mark.parametrize(("frequency", "kind"), [(20.0, "plays"), (50.0, "preisach"), (100.0, "bouc-wen")])
+def test_a_first_record_that_is_late_for_its_voltage_costs_one_pass(by, why, frequency, kind):
+    """It cost three and more; some were refused for their gain, and one stage was never learned again."""
+    by = by if frequency > 20.0 else 3 * by  # less than 2 % of the period is what hysteresis may do
+    stage, learned = Stage(900.0, kind), IterativeLearning(raster(frequency), dynamics=dynamics(918.0), **KNOWN)
+    volts = learned.volts
+    missed = learned.learn(np.roll(stage.play(volts)[0], by, axis=1))
+    assert "for its voltage" in missed.missed
+    assert why.split(", ")[-1] in missed.missed
+    assert learned.volts is volts
+    made = [learned.learn(stage.play(learned.volts)[0]) for _ in range(5)]
+    assert not any(one.missed for one in made)
+    assert made[-1].rmse < 0.02
+
+
+def test_a_first_record_that_is_late_twice_shows_a_dead_time():
+    stage, learned = Stage(900.0, dead_time=1.2e-3), IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    passes = [learned.learn(stage.play(learned.volts)[0]) for _ in range(9)]
+    assert [bool(one.missed) for one in passes] == [True] + 8 * [False]
+    assert learned.dead_time == pytest.approx(1.2e-3, abs=2e-4)
+    assert passes[-1].rmse < 0.02
+    assert not any("missed" in reason for reason in Learned(passes=tuple(passes), learning=learned).verdict.reasons)
+
+
+def test_first_records_that_begin_elsewhere_each_time_are_refused():
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    z = stage.play(learned.volts)[0]
+    learned.learn(np.roll(z, 30, axis=1))
+    with pytest.raises(SettingError, match=r"= 1[56] samples, .* too early, after (29|30) samples, .* too late: must"):
+        learned.learn(np.roll(z, -15, axis=1))
+
+
 def test_a_trigger_that_has_another_place_from_now_on_is_refused_and_the_best_voltage_stays():
     stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(870.0), **KNOWN)
     for _ in range(3):
