@@ -21,6 +21,7 @@ from truestroke.control.repeating.steps import finished
 from truestroke.model import prior
 from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.report.learning import notes
 from truestroke.report.learning import page as learning_page
 from truestroke.report.learning import rows as learning_rows
 from truestroke.runtime import learning as learning_module
@@ -665,7 +666,19 @@ def test_a_first_record_that_is_late_twice_shows_a_dead_time():
     assert [bool(one.missed) for one in passes] == [True] + 8 * [False]
     assert learned.dead_time == pytest.approx(1.2e-3, abs=2e-4)
     assert passes[-1].rmse < 0.02
-    assert not any("missed" in reason for reason in Learned(passes=tuple(passes), learning=learned).verdict.reasons)
+    found = Learned(passes=tuple(passes), learning=learned)
+    assert not any("missed" in reason for reason in found.verdict.reasons)
+    assert "turn 1.1 ms later than voltage and dynamics say" in notes(found)[0]
+
+
+def test_the_page_of_passes_whose_first_one_was_missed_begins_with_the_next():
+    """It was a ValueError: cannot convert float NaN to integer."""
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    z = stage.play(learned.volts)[0]
+    passes = [learned.learn(np.roll(z, 30, axis=1)), learned.learn(z)]
+    found = Learned(passes=tuple(passes), learning=learned)
+    assert "first pass" in learning_page(found).html()
+    assert learning_rows(found)[0][-1] == "missed"
 
 
 def test_first_records_that_begin_elsewhere_each_time_are_refused():
