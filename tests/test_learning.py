@@ -21,6 +21,7 @@ from truestroke.control.repeating.steps import finished
 from truestroke.model import prior
 from truestroke.model.operators import play_history
 from truestroke.plant import StagePlant, StageSettings
+from truestroke.report.learning import notes
 from truestroke.report.learning import page as learning_page
 from truestroke.report.learning import rows as learning_rows
 from truestroke.runtime import learning as learning_module
@@ -637,6 +638,55 @@ def test_a_pass_whose_record_is_not_that_of_its_voltage_counts_for_nothing(spoil
     for _ in range(6 - number):
         made = learned.learn(stage.play(learned.volts)[0])
     assert made.rmse < 0.01
+
+
+@pytest.mark.parametrize(("by", "why"), [
+    (10, "9.9 samples, 0.00099 s, too late for its voltage"),
+    (33, "too late for its voltage"),
+    (-15, "too early for its voltage"),
+])  # fmt: skip
+@pytest.mark.parametrize(("frequency", "kind"), [(20.0, "plays"), (50.0, "preisach"), (100.0, "bouc-wen")])
+def test_a_first_record_that_is_late_for_its_voltage_costs_one_pass(by, why, frequency, kind):
+    """It cost three and more; some were refused for their gain, and one stage was never learned again."""
+    by = by if frequency > 20.0 else 3 * by  # less than 2 % of the period is what hysteresis may do
+    stage, learned = Stage(900.0, kind), IterativeLearning(raster(frequency), dynamics=dynamics(918.0), **KNOWN)
+    volts = learned.volts
+    missed = learned.learn(np.roll(stage.play(volts)[0], by, axis=1))
+    assert "for its voltage" in missed.missed
+    assert why.split(", ")[-1] in missed.missed
+    assert learned.volts is volts
+    made = [learned.learn(stage.play(learned.volts)[0]) for _ in range(5)]
+    assert not any(one.missed for one in made)
+    assert made[-1].rmse < 0.02
+
+
+def test_a_first_record_that_is_late_twice_shows_a_dead_time():
+    stage, learned = Stage(900.0, dead_time=1.2e-3), IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    passes = [learned.learn(stage.play(learned.volts)[0]) for _ in range(9)]
+    assert [bool(one.missed) for one in passes] == [True] + 8 * [False]
+    assert learned.dead_time == pytest.approx(1.2e-3, abs=2e-4)
+    assert passes[-1].rmse < 0.02
+    found = Learned(passes=tuple(passes), learning=learned)
+    assert not any("missed" in reason for reason in found.verdict.reasons)
+    assert "turn 1.1 ms later than voltage and dynamics say" in notes(found)[0]
+
+
+def test_the_page_of_passes_whose_first_one_was_missed_begins_with_the_next():
+    """It was a ValueError: cannot convert float NaN to integer."""
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    z = stage.play(learned.volts)[0]
+    passes = [learned.learn(np.roll(z, 30, axis=1)), learned.learn(z)]
+    found = Learned(passes=tuple(passes), learning=learned)
+    assert "first pass" in learning_page(found).html()
+    assert learning_rows(found)[0][-1] == "missed"
+
+
+def test_first_records_that_begin_elsewhere_each_time_are_refused():
+    stage, learned = Stage(900.0), IterativeLearning(raster(50.0), dynamics=dynamics(900.0), **KNOWN)
+    z = stage.play(learned.volts)[0]
+    learned.learn(np.roll(z, 30, axis=1))
+    with pytest.raises(SettingError, match=r"= 1[56] samples, .* too early, after (29|30) samples, .* too late: must"):
+        learned.learn(np.roll(z, -15, axis=1))
 
 
 def test_a_trigger_that_has_another_place_from_now_on_is_refused_and_the_best_voltage_stays():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 import useq
 from pymmcore_plus.experimental.unicore import SimpleCameraDevice, UniMMCore
 
-from truestroke import SettingError
+from truestroke import PlaceWarning, SettingError
 from truestroke.dropins.axes import Axes
 from truestroke.dropins.pymmcore import PiezoXY, PiezoZ, opened
 from truestroke.runtime.drivers import DriverError, SimulatedDriver
@@ -260,6 +262,31 @@ def test_an_axis_that_is_further_off_than_its_stroke_ends_at_once(tmp_path: Path
     assert moved(3.0) > 0.4
     with pytest.raises(DriverError, match=r"further off than its stroke, 0\.3 um; .*: correct stroke"):
         moved(0.3)
+
+
+@pytest.mark.parametrize(
+    ("about", "stated", "said"),
+    [
+        ("resonances = [150.0]", 0.0, True),
+        ('resonances = [150.0], hysteresis_kind = "bouc-wen"', 0.0, True),
+        ("resonances = [150.0]", 150.0, False),
+        ("resonances = [700.0]", 0.0, False),
+        ('resonances = [1500.0], hysteresis_kind = "preisach"', 0.0, False),
+    ],
+)
+def test_planes_beside_their_place_are_said_where_no_resonance_is_stated(tmp_path, about, stated, said) -> None:
+    """A stage of 150 Hz whose resonance nobody has stated had planes up to 18 % of a step off, and nothing said so."""
+    file = configuration(tmp_path, "z", driver=f"stage = {{noise = 0.01, {about}}}")
+    file.write_text(file.read_text().replace("resonance = 700.0\n", f"resonance = {stated}\n" if stated else ""))
+    with warnings.catch_warnings(record=True) as given, Axes.of(file) as axes:
+        warnings.simplefilter("always")
+        for z in [*np.linspace(5.0, 20.0, 16), *np.linspace(5.0, 20.0, 16)]:
+            axes.move(z=float(z))["z"].result(timeout=60.0)
+    words = [str(one.message) for one in given if issubclass(one.category, PlaceWarning)]
+    assert len(words) == said
+    assert not said or re.match(
+        r"axis z: 3 of the last \d moves ended beside their place, .* Give `resonance`", words[0]
+    )
 
 
 @pytest.mark.parametrize(

@@ -286,10 +286,13 @@ rate = 200.0
         ("raster", 300.0, ""),
         ("raster", 301.0, "scan.rate = 301.0 Hz: must be at most 300 Hz, a third of the first resonance of axis x"),
         ("raster", 900.0, "scan.rate = 900.0 Hz: must be at most 625 Hz, for 16 ticks of 10000 Hz a period"),
-        ("lissajous", 400.0, ""),
-        ("lissajous", 460.0, "scan.rate = 460.0 Hz: must be at most 450 Hz, a half of the first resonance of axis x"),
+        ("lissajous", 340.0, ""),
+        ("lissajous", 360.0, "scan.rate = 360.0 Hz: must be at most 350 Hz, a half of the first resonance of axis y"),
         ("spiral", 350.0, ""),
         ("spiral", 360.0, "scan.rotation = 360.0 Hz: must be at most 350 Hz, a half of the first resonance of axis y,"),
+        ("linear", 170.0, ""),
+        ("linear", 180.0, "scan.fastest = 360.0 Hz: must be at most 350 Hz, a half of the first resonance of axis y,"),
+        ("cycloid", 360.0, "scan.rate = 360.0 Hz: must be at most 350 Hz, a half of the first resonance of axis y,"),
     ],
 )
 def test_lines_that_ticks_or_stage_cannot_follow_are_refused(tmp_path, kind, rate, bound) -> None:
@@ -297,10 +300,12 @@ def test_lines_that_ticks_or_stage_cannot_follow_are_refused(tmp_path, kind, rat
     text = FAST + AXES
     for resonance in (900.0, 700.0):  # axis x, then y
         text = text.replace("slew = 4000.0", f"slew = 4e4\nresonance = {resonance}", 1)
-    words = {"raster": f"rate = {rate}", "lissajous": f"rate = {rate}", "spiral": f"rotation = {rate}"}[kind]
-    text = text.replace("rate = 200.0", f'kind = "{kind}"\n{words}')
+    turned = {"spiral": "", "linear": 'velocity = "linear"'}
+    words = f'kind = "{"spiral" if kind in turned else kind}"\n'
+    words += f"rotation = {rate}\n{turned[kind]}" if kind in turned else f"rate = {rate}"
+    text = text.replace("rate = 200.0", words)
     if kind != "raster":
-        text = text.replace("lines = 8", "").replace("width = 10.0", "diameter = 10.0" if kind == "spiral" else "")
+        text = text.replace("lines = 8", "").replace("width = 10.0", "diameter = 10.0" if kind in turned else "")
     (tmp_path / "scan.toml").write_text(text)
     if not bound:
         assert config.load(tmp_path / "scan.toml").imaging is not None
@@ -308,6 +313,26 @@ def test_lines_that_ticks_or_stage_cannot_follow_are_refused(tmp_path, kind, rat
     with pytest.raises(SettingError) as refused:
         config.load(tmp_path / "scan.toml")
     assert bound in str(refused.value)
+
+
+def test_the_turns_in_the_middle_of_a_spiral_have_ticks_enough(tmp_path) -> None:
+    """At constant linear velocity they are the fastest: 2000 a second had five ticks each, and nothing said so."""
+    linear = 'kind = "spiral"\nrotation = 100.0\nvelocity = "linear"\nfastest = 2000.0'
+    text = FAST.replace("rate = 200.0", linear).replace("lines = 8\n", "").replace("width = 10.0", "") + AXES
+    (tmp_path / "scan.toml").write_text(text.replace("slew = 4000.0", "slew = 4e5"))
+    with pytest.raises(SettingError) as refused:
+        config.load(tmp_path / "scan.toml")
+    assert "scan.fastest = 2000.0 Hz: must be at most 625 Hz, for 16 ticks of 10000 Hz" in str(refused.value)
+    assert "give `fastest`, for the turns in the middle" in str(refused.value)
+
+
+def test_a_resonance_counts_beside_a_law_that_has_none(tmp_path) -> None:
+    """Of axes that the paper's law moves it was not looked at: 400 rows a second on 900 Hz began."""
+    axes = AXES.replace("slew = 4000.0", 'slew = 4e4\nresonance = 900.0\ncontroller = "paper"')
+    text = FAST.replace("rate = 200.0", "rate = 400.0") + axes.replace("[coupled]", "")
+    (tmp_path / "scan.toml").write_text(text)
+    with pytest.raises(SettingError, match="at most 300 Hz, a third of the first resonance of axis x, 900 Hz"):
+        config.load(tmp_path / "scan.toml")
 
 
 def test_a_single_axis_is_asked_for_a_second(tmp_path) -> None:

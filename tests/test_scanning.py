@@ -162,6 +162,20 @@ def test_the_paper_alone_on_each_axis_is_its_calls(small):
         assert np.array_equal(true[k], plant.truth[0]), k
 
 
+@pytest.mark.parametrize(
+    ("rate", "resonances", "most"),
+    [(200.0, (900.0, 700.0), "108.2"), (78.125, (399.0, 280.0), "42.3"), (0.5, (900.0, 700.0), "108.2")],
+)
+def test_rows_whose_turns_are_longer_than_the_stroke_are_refused(rate, resonances, most) -> None:
+    """399 and 280 Hz at 78 rows a second were to move over 70 um of 30, and were 473 pixels off."""
+    kinds = ("plays", "preisach")
+    with pytest.raises(SettingError, match=rf"from 1 to {most} Hz, as stages of .* within a stroke of 30 um"):
+        imaging.planned(rate, resonances, kinds, 0.001, 0)
+    slower = 5000.0 / math.ceil(5000.0 / float(most))
+    _, scan = imaging.planned(slower, resonances, kinds, 0.001, 0)
+    assert 28.0 < np.ptp(scan.x.position) <= 30.0
+
+
 def test_a_motion_that_does_not_repeat_is_named():
     with pytest.raises(SettingError, match="a spiral does not repeat"):
         lines.period_of(scans.spiral(turns=4))

@@ -294,12 +294,17 @@ def upside_down(one):
         (lambda t, r: (t, t), "they are the same image"),
     ],
 )
+@pytest.mark.parametrize("late", [0, 1])
 def test_images_that_are_not_as_they_were_shown_are_named_by_what_makes_them_agree(
-    spoil, words, scan, volts, shown, model
+    spoil, words, late, scan, volts, shown, model
 ):
-    """It said that an image is mirrored or turned, or that the model is not that of the motion, whichever it was."""
+    """It said that an image is mirrored or turned, or that the model is not that of the motion, whichever it was.
+
+    Where the voltage is a sample late, so that more than 0.3 pixels remain, it still did.
+    """
     pair = dict(zip(shown, spoil(shown["trace"], shown["retrace"]), strict=True))
-    found = truestroke.unwarp(pair, ScanRecord.of(scan, *volts), model)
+    record = ScanRecord.of(scan, *volts)
+    found = truestroke.unwarp(pair, dataclasses.replace(record, x=np.roll(volts[0], late)), model)
     assert found.verdict.level != "good"
     assert words in found.verdict.reasons[0]
 

@@ -4,6 +4,7 @@ from truestroke import plant as plant
 from truestroke.base.checks import SettingError as SettingError
 from truestroke.base.errors import LatenessWarning as LatenessWarning
 from truestroke.base.errors import ModelWarning as ModelWarning
+from truestroke.base.errors import PlaceWarning as PlaceWarning
 from truestroke.base.errors import TruestrokeError as TruestrokeError
 from truestroke.base.files import FileError as FileError
 from truestroke.base.files import FileTooLargeError as FileTooLargeError

@@ -41,6 +41,11 @@ class ModelWarning(UserWarning):
     """The verdict of a model is not good, and it is used; commands and configurations give it before anything moves."""
 
 
+class PlaceWarning(UserWarning):
+    """Moves end beside their place, as the sensor shows, of an axis whose resonance is not stated; given once."""
+
+
 shown_as_public(TruestrokeError)
 shown_as_public(LatenessWarning)
 shown_as_public(ModelWarning)
+shown_as_public(PlaceWarning)

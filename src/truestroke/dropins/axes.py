@@ -6,6 +6,7 @@ import atexit
 import math
 import os
 import threading
+import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
@@ -18,6 +19,7 @@ import numpy as np
 
 from truestroke.base import checks
 from truestroke.base.checks import SettingError
+from truestroke.base.errors import PlaceWarning
 from truestroke.base.typing import FloatArray
 from truestroke.control.stage import FOUND_DAMPING
 from truestroke.dropins import motions
@@ -40,6 +42,10 @@ BOTH_SIDES = 0.5  # of the highest voltage: a lowest one that is as far below 0 
 AVERAGE = 0.01  # s of rest over which a reading is averaged
 ZERO = 0.05  # s of rest before the first motion, for the zero of the sensor
 SOON = 0.005  # s until a motion that is to be stopped slows down: what it needs is computed meanwhile
+ARRIVED = 5e-4  # s: the end of a move, over which the sensor is averaged,
+BESIDE = 0.01, 2e-4  # of the move, and of the stroke: a move that ends further from its place than both, and than
+NOISY = 6.0  # standard deviations of that mean, has not arrived;
+MISSES = 3, 8  # so many of so many moves show a stage that rings
 SPIN = 0.0  # s: a thread that spins would take the interpreter from the host
 
 
@@ -91,6 +97,8 @@ class _Line:
         self.motion: Trajectory
         self._stopped: int | None = None
         self._tick = 0
+        self._ends: deque[tuple[float, float]] = deque(maxlen=MISSES[1])  # of moves, um beside their place, and of what
+        self.notice: str | None = None  # for the host's side; empty once it was given
 
     def begin(self, trajectory: Trajectory) -> Future[Trace]:
         """Make this motion from the next tick on."""
@@ -165,8 +173,30 @@ class _Line:
         made: dict[str, Any] = {"volts": self._sent[:n], "measured": self._came[:n], "true": true}
         trace = Trace(time=np.arange(n) / rate, desired=desired, stopped=self._stopped, **made)
         self.trace = trace
+        if self.stage is None and self._stopped is None:
+            self._ended(self._came[:n], desired)
         if done is not None:
             done.set_result(trace)
+
+    def _ended(self, came: FloatArray, desired: FloatArray) -> None:
+        """Whether a move has ended in its place, and what to say where several have not."""
+        last = slice(-max(1, round(ARRIVED * self.timing.sample_rate)), None)
+        off, way = came[last] - desired[last], abs(float(desired[-1] - desired[0]))
+        if not way > 0 or not np.isfinite(off).all():
+            return
+        spread = float(np.nanstd(np.diff(came, 2))) / math.sqrt(6 * off.size)  # of the mean of white noise
+        beside = abs(float(np.mean(off)))
+        share, part = BESIDE
+        far = beside > max(share * way, part * self.stroke, NOISY * spread)
+        self._ends.append((beside if far else 0.0, way))
+        missed = [one for one in self._ends if one[0]]
+        if self.notice is None and len(missed) >= MISSES[0]:
+            worst, of = max(missed, key=lambda one: one[0] / one[1])
+            self.notice = (
+                f"axis {self.name}: {len(missed)} of the last {len(self._ends)} moves ended beside their place, one of "
+                f"{of:.3g} um by {worst:.2g} um, as of a stage that rings; its resonance is not stated. Give "
+                "`resonance` (Hz) in its table [[axis]], or the dynamics of `truestroke bode` in its settings"
+            )
 
     def _note(self, reading: float) -> None:
         self.measured = reading
@@ -326,6 +356,10 @@ class Axes:
             The loop has ended.
         """
         lines = {self._line(name): self._within(self._line(name), value) for name, value in targets.items()}
+        for line in lines:
+            if line.notice:
+                warnings.warn(line.notice, PlaceWarning, stacklevel=2)
+                line.notice = ""
         rate = self.timing.sample_rate
         made = {
             line: motions.move(line.at, target, rate, speed=line.speed, stage=line.stage)

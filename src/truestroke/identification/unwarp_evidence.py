@@ -256,7 +256,7 @@ def _mistake(
         first, second = (dataclasses.replace(trace, data=one) for one in data)
         made = list(again({"trace": first, "retrace": second}).values())
         apart = float(np.hypot(*shift(*map(filled, made))))
-        if apart <= near and _are_alike(*made):
+        if apart <= max(near, FAR) and _are_alike(*made):
             found.append((apart, words))
     return f"they are {min(found)[0]:.1g} pixels apart with {min(found)[1]}. Change the file" if found else ""
 

@@ -62,8 +62,19 @@ def as_dict(found: Learned) -> dict[str, object]:
 
 
 def notes(found: Learned) -> list[str]:
-    """Sentences on what was taken for granted: a stage that is a spring, a sensor that was not zeroed, its spikes."""
-    return [note for note in (found.spring, words.zero(found.zero), _of_spikes(found)) if note]
+    """Sentences on what was taken for granted: a stage that is a spring or late, a sensor's zero, its spikes."""
+    return [note for note in (found.spring, _of_dead_time(found), words.zero(found.zero), _of_spikes(found)) if note]
+
+
+def _of_dead_time(found: Learned) -> str:
+    late = found.learning.dead_time
+    if not late:
+        return ""
+    side = "later" if late > 0 else "earlier"
+    return (
+        f"The records of the first two passes turn {figures(1000 * abs(late), 2)} ms {side} than voltage and dynamics "
+        "say: it was learned as a dead time."
+    )
 
 
 def _of_spikes(found: Learned) -> str:
@@ -83,7 +94,7 @@ def page(found: Learned, command: str | None = None) -> Page:
     return Page(
         title=f"A motion of {span:.3g} um, learned in {len(found.passes)} passes",
         lead=f"Rmse {units.length(best.rmse)}, {figures(100 * best.rmse / span, 2)} % of peak-to-peak, from "
-        f"{units.length(found.passes[0].rmse)}; harmonics to {made.bandwidth:.4g} Hz."
+        f"{units.length(_first(found).rmse)}; harmonics to {made.bandwidth:.4g} Hz."
         + "".join(f" Note: {note}" for note in notes(found)),
         verdict=found.verdict,
         remark=WORDS[found.verdict.level],
@@ -118,8 +129,12 @@ def _error_panel(one: Pass, role: str, name: str) -> Panel:
 
 def _first_and_best(found: Learned) -> list[tuple[Pass, str, str]]:
     """Passes that were measured, each with the role of its colour and its name."""
-    both = [(found.passes[0], "before", "first pass"), (found.best, "true", "best pass")]
-    return [one for one in both if one[0].measured.size]
+    return [(_first(found), "before", "first pass"), (found.best, "true", "best pass")]
+
+
+def _first(found: Learned) -> Pass:
+    """The first pass that was measured."""
+    return next(one for one in found.passes if one.measured.size)
 
 
 def plots(found: Learned, theme: Theme = LIGHT) -> dict[str, Figure]:
@@ -149,7 +164,7 @@ def passes(found: Learned, theme: Theme = LIGHT) -> Figure:
 
 def period(found: Learned, theme: Theme = LIGHT) -> Figure:
     """Desired motion and errors of the first and the best pass, over one repetition."""
-    made, first, best = found.learning, found.passes[0], found.best
+    made, first, best = found.learning, _first(found), found.best
     samples = made.samples // made.periods if made.samples % made.periods == 0 else made.samples
     factor, unit = units.scaled(samples / made.sample_rate, "s")
     time = factor * np.arange(samples) / made.sample_rate

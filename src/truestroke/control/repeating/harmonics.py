@@ -177,6 +177,11 @@ class HarmonicLaw:
         """G becomes so many times larger."""
         self.response, self.scaled = gain * self.response, gain * self.scaled
 
+    def delay(self, samples: float) -> None:
+        """G becomes so much later."""
+        cycles = np.arange(self.response.size) * samples / self.samples
+        self.response = np.exp(-2j * np.pi * cycles) * self.response
+
     def noise(self, noise2: FloatArray) -> float:
         """Standard deviation in time of what has these variances of its harmonics, um."""
         return float(np.sqrt(2 * noise2.sum())) / self.samples

@@ -66,6 +66,10 @@ EXPLAINED = 0.1  # of the power of what was not expected: no more remains where 
 OTHER_PASS = 1.0, 25.0  # times the power of the change, and of the noise: beyond, a pass is not what was expected
 RICH = 0.05  # of the power of the velocity: what other harmonics than the largest have where a phase shows a time
 FINER = 8  # times the samples: where a record begins is looked for
+FIRST_LATE = 4.0, 0.02  # samples, of the period: a first record that is later than both is not that of its voltage,
+LIKE_IT = 0.3  # where no more of its power remains then; half of a period is the other sign of the sensor
+BELOW = 0.7  # of the first resonance: what turns with the voltage, whatever the hysteresis
+AGREE = 1.5  # samples: two first records that are as late show a dead time
 GAINS = 0.1, 10.0  # times the gain that was given: the first pass corrects it within
 
 
@@ -178,6 +182,8 @@ class IterativeLearning(Displayed):
         Of a repetition: where a period of the motion takes no whole number of samples, it has several periods.
     bandwidth, limited_to : float
         Highest harmonic that is learned, Hz, and the one that was given, beyond which none is; infinite where none was.
+    dead_time : float
+        By which the first two records were late for their voltage, s; 0 where the first one was not.
 
     Raises
     ------
@@ -238,6 +244,7 @@ class IterativeLearning(Displayed):
         self._law = PassLaw(D, G, prior, self._learned, beyond=beyond, **size)
         self._best = math.nan, np.empty(0)
         self._number = 0
+        self._began, self.dead_time = 0.0, 0.0  # samples that the first record was late; s, that the next one was, too
         self._elsewhere = ""  # of the last pass, why its record is not that of its voltage
         self._hysteresis: PeriodicHysteresis | None = None
         self._seen: list[tuple[FloatArray, ComplexArray, ComplexArray, FloatArray]] = []  # volts, U, Z and its variance
@@ -352,6 +359,8 @@ class IterativeLearning(Displayed):
         mean, noise2 = self._mean(np.where(spikes, np.nan, z))
         Z, first = np.fft.rfft(mean), self._hysteresis is None
         if first:
+            if elsewhere := self._late_at_first(Z):
+                return self._missed(elsewhere)
             self._scale(np.fft.rfft(self.volts), Z, noise2)
         elif elsewhere := self._not_of_its_voltage(Z, noise2):
             return self._missed(elsewhere)
@@ -395,8 +404,7 @@ class IterativeLearning(Displayed):
             found, bound = "against the voltage", "of a sensor that rises with the voltage, as in the first pass"
             remedy = "look at its sign, channel and cable, and at the trigger of the recording"
         elif late := self._late(Z, noise2):
-            size = f"{figures(abs(late), 2)} samples, {figures(abs(late) / self.sample_rate, 2)} s,"
-            found = f"{size} too {'late' if late > 0 else 'early'}"
+            found = self._size(late)
             bound = "recorded from where the first pass was, as the voltage before shows"
             remedy = "look at the trigger of the recording, or learn anew with where it is now"
         else:
@@ -407,6 +415,51 @@ class IterativeLearning(Displayed):
             raise SettingError("measured", f"{found}{before}, two passes in a row", f"{bound}: {remedy}")
         self._elsewhere = found
         return f"it was {found}"
+
+    def _late_at_first(self, Z: ComplexArray) -> str:
+        """Why a first record is not that of its voltage: it turns later or earlier, and nothing else has shown that.
+
+        The same voltage comes again. A stage with a dead time that its dynamics do not have is as late then.
+        """
+        late, before = self._turns_late(Z), self._began
+        self._began = late
+        if not late:
+            return ""
+        if before and abs(late - before) < AGREE:
+            self.dead_time = late / self.sample_rate
+            self._law.delay(late)
+            return ""
+        if before:
+            bound = "recorded from the same place in each pass: look at the trigger of the recording"
+            raise SettingError("measured", f"{self._size(late)}, after {self._size(before)}", bound)
+        return f"it was {self._size(late)} for its voltage"
+
+    def _turns_late(self, Z: ComplexArray) -> float:
+        """Samples that the turns of a first record are later than those of its voltage; 0 where hysteresis may be why.
+
+        The fourth powers of the frequencies weigh the turns, which hysteresis leaves in their place.
+        """
+        f0 = math.inf if self.dynamics is None else self.dynamics.modes[0].frequency
+        f = np.where(self._learned & (self._frequency < BELOW * f0), self._frequency / self._frequency[self.periods], 0)
+        Y, Z = f**2 * self._law.response * np.fft.rfft(self.volts), f**2 * Z
+        power = (f > 0) * np.abs(Y / np.maximum(f, 1.0)) ** 2
+        if power.sum() - power.max() < RICH * power.sum():
+            return 0.0
+        alike = np.fft.irfft(Z * np.conj(Y), FINER * self.samples)
+        steps = int(np.argmax(alike))
+        most = FINER * self.samples / self.periods
+        late = (steps - most * round(steps / most)) / FINER
+        moved = Y * np.exp(-2j * np.pi * np.arange(Y.size) * late / self.samples)
+        moved *= np.real(np.vdot(moved, Z)) / max(float(np.vdot(moved, moved).real), TINY)
+        if np.sum(np.abs(Z - moved) ** 2) > LIKE_IT * np.sum(np.abs(Z) ** 2):
+            return 0.0
+        period = self.samples / self.periods
+        least = max(FIRST_LATE[0], FIRST_LATE[1] * period)
+        return late if least < abs(late) < period / 2 - least else 0.0
+
+    def _size(self, late: float) -> str:
+        size = f"{figures(abs(late), 2)} samples, {figures(abs(late) / self.sample_rate, 2)} s,"
+        return f"{size} too {'late' if late > 0 else 'early'}"
 
     def _late(self, Z: ComplexArray, noise2: FloatArray) -> float:
         """Samples that the record begins too late; 0 where nothing else explains as little of it.
@@ -515,7 +568,7 @@ class IterativeLearning(Displayed):
             raise SettingError(SIZE, f"{figures(span)} um", f"above the noise of a pass, {noise:.2g} um: {remedy}")
         if not low <= found <= high:
             value = f"{self.gain:g} um/V, where the first pass shows {figures(found * self.gain)}"
-            why = taken_for_um(found, "is the recording of this axis, and in um?")
+            why = taken_for_um(found, "is the recording of this axis, and in um, and does it begin with its voltage?")
             bound = f"within ten times of it, and of its sign: {why}"
             raise SettingError("gain", value, bound)
         self._law.scale(found)
@@ -604,7 +657,8 @@ class Learned(Displayed):
             findings.append(("doubtful", text))
         cut = best.limited > LIMITED and best.rmse > SPOILT * span
         findings += [("bad" if cut and reason == best.limit else "doubtful", reason) for reason in best.verdict.reasons]
-        if missed := [one for one in self.passes if one.missed]:
+        late = bool(self.learning.dead_time)  # of a stage, not of a trigger
+        if missed := [one for one in self.passes if one.missed][late:]:
             were = "was" if len(missed) == 1 else "were"
             why = "; ".join(dict.fromkeys(one.missed for one in missed))
             findings.append(("doubtful", f"{len(missed)} of {len(self.passes)} passes {were} missed: {why}."))

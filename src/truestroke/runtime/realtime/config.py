@@ -229,7 +229,9 @@ block, latency, channels, seed, hardware_timed, register, plant, stage, axes, si
             axes.append(_axis(table, folder, rate, image))
     if image is not None:
         with checks.inside("scan."):
-            check_stage(image, {axis.name: feasibility.first_mode(axis.controller) for axis in axes})
+            first = {table.name: table.resonance for _, table in tables}  # where the law has no such setting
+            known = {axis.name: feasibility.first_mode(axis.controller) for axis in axes}
+            check_stage(image, first | {name: mode.frequency for name, mode in known.items() if mode is not None})
     frame = None
     if read.coupled is not None:
         with checks.inside("coupled."):

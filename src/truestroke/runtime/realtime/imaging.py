@@ -10,7 +10,6 @@ from typing import Any, Literal
 from truestroke.base import checks, frames, toml
 from truestroke.base.checks import SettingError
 from truestroke.control.repeating.repetition import SHORTEST
-from truestroke.model.dynamics import Mode
 from truestroke.runtime.drivers.protocol import Driver, Signal
 from truestroke.signals import scans
 from truestroke.signals.scans.motions import LEAD_OUT
@@ -94,14 +93,16 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     made: Scan = toml.decode(SCANS[table.kind], usual | dict(given), also=own)
     if made.sample_rate != rate:
         raise SettingError("sample_rate", made.sample_rate, f"{rate:g} Hz, that of the driver, or left out", "Hz")
-    asked, key = checks.count("columns", table.columns, LEAST, 10**5), _paced(made)
-    if (pace := float(made.settings[key])) * SHORTEST > rate * (1 + 1e-9):  # type: ignore[arg-type]
-        bound = f"at most {rate / SHORTEST:g} Hz, for {SHORTEST} ticks of {rate:g} Hz a period: scan slower, or "
-        raise SettingError(key, pace, f"{bound}sample at {SHORTEST * pace:g} Hz or more", "Hz")
+    asked, paces = checks.count("columns", table.columns, LEAST, 10**5), _paces(made)
+    for key, pace in paces.items():
+        if pace * SHORTEST > rate * (1 + 1e-9):
+            bound = f"at most {rate / SHORTEST:g} Hz, for {SHORTEST} ticks of {rate:g} Hz a period: {_slower(key)}, or "
+            raise SettingError(key, pace, f"{bound}sample at {SHORTEST * pace:g} Hz or more", "Hz")
     if (columns := scans.pixels_of(made, asked)) < LEAST:
         most = f"so low that the ticks of a line at {rate:g} Hz fill {LEAST} pixels, not {columns}"
+        key = next(iter(paces))
         raise SettingError(
-            key, made.settings[key], f"{most}: scan slower, in more lines, with shorter turns, or sample faster", "Hz"
+            key, paces[key], f"{most}: scan slower, in more lines, with shorter turns, or sample faster", "Hz"
         )
     fewer = columns < asked and "columns" in given
     notice = (
@@ -117,28 +118,34 @@ def imaging(given: Mapping[str, Any], names: Sequence[str], driver: Driver, rate
     )
 
 
-def check_stage(image: Imaging, modes: Mapping[str, Mode | None]) -> None:
-    """Refuse lines or turns that are too fast for the first mode of an axis, by its name, where it is known.
+def check_stage(image: Imaging, resonances: Mapping[str, float]) -> None:
+    """Refuse lines or turns that are too fast for the first resonance of an axis, Hz, by its name; 0 is not known.
 
     Raises
     ------
     SettingError
         Names the rate, the bound, the axis and its resonance, Hz.
     """
-    scan, key = image.scan, _paced(image.scan)
-    times, part = SLOWER[scan.name]
-    pace = float(scan.settings[key])  # type: ignore[arg-type]
-    fast = {name: modes.get(name) for name in (image.axes if scan.name == "spiral" else image.axes[:1])}
-    for name, mode in fast.items():
-        if mode is not None and pace * times > mode.frequency * (1 + 1e-9):
-            most = f"at most {mode.frequency / times:.4g} Hz, a {part} of the first resonance of axis {name}, "
-            most += f"{mode.frequency:.4g} Hz: scan slower, or correct the resonance or dynamics of the axis"
-            raise SettingError(key, pace, most, "Hz")
+    times, part = SLOWER[image.scan.name]
+    fast = image.axes[:1] if image.scan.name == "raster" else image.axes
+    for key, pace in _paces(image.scan).items():
+        for name in fast:
+            first = resonances.get(name, 0.0)
+            if first and pace * times > first * (1 + 1e-9):
+                most = f"at most {first / times:.4g} Hz, a {part} of the first resonance of axis {name}, "
+                most += f"{first:.4g} Hz: {_slower(key)}, or correct the resonance or dynamics of the axis"
+                raise SettingError(key, pace, most, "Hz")
 
 
-def _paced(scan: Scan) -> str:
-    """The key of the rate of lines or turns."""
-    return "rotation" if scan.name == "spiral" else "rate"
+def _paces(scan: Scan) -> dict[str, float]:
+    """The rates of lines or turns by their keys, Hz: of a spiral of constant linear velocity two."""
+    keys = [key for key in ("rate", "rotation", "fastest") if key in scan.settings]
+    return {key: float(scan.settings[key]) for key in keys}  # type: ignore[arg-type]
+
+
+def _slower(key: str) -> str:
+    """What makes this rate lower; the fastest turns are twice as fast as the outermost where nobody says how fast."""
+    return "give `fastest`, for the turns in the middle" if key == "fastest" else "scan slower"
 
 
 def _until_measured(driver: Driver) -> int:

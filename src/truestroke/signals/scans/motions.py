@@ -278,7 +278,7 @@ def spiral(
     zddot = b * (change * (1 + 1j * phi) + rate**2 * (2j - phi)) * turned
     centre = (diameter / 2, diameter / 2) if offset is None else _pair("offset", offset)
     settings: dict[str, object] = {"rotation": rotation, "velocity": velocity, "pitch": step, "turns": number}
-    settings |= {"lead_in": lead}
+    settings |= {"lead_in": lead} | ({"fastest": course.fastest} if isinstance(course, _Linear) else {})
     x, y = (
         _axis("spiral", sample_rate, trajectories.ramped(time, (c + part(z), part(zdot), part(zddot)), ramp), settings)
         for c, part in zip(centre, (np.real, np.imag), strict=True)
@@ -309,6 +309,7 @@ class _Linear:
         end = 2 * math.pi * turns
         self.omega = 2 * math.pi * fastest
         self.speed = 2 * math.pi * rotation * math.hypot(1.0, end)  # of arcs in units of pitch / (2 pi)
+        self.fastest = min(fastest, self.speed / (2 * math.pi))  # turns per second, Hz: those in the middle
         self.angle = min(math.sqrt((self.speed / self.omega) ** 2 - 1), end) if self.speed > self.omega else 0.0
         self.begin = self.angle / self.omega
         self.duration = self.begin + float(_arc(np.array(end)) - _arc(np.array(self.angle))) / self.speed

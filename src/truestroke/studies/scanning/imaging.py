@@ -20,9 +20,9 @@ from truestroke.base.verdict import Level, Verdict
 from truestroke.control.axes import MultiAxisController
 from truestroke.control.controller import AdaptiveController
 from truestroke.control.settings import ControllerSettings
-from truestroke.model.dynamics import Mode
+from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
-from truestroke.signals import scans, shaping
+from truestroke.signals import scans, shaping, trajectories
 from truestroke.signals.scans import rates
 from truestroke.signals.scans.images import Distortion, Image
 from truestroke.signals.scans.motions import LEAD_OUT
@@ -32,6 +32,7 @@ from truestroke.studies.scanning import lines
 PIXELS = 512
 WIDTH, OFFSET = 20.0, (14.5, 14.0)  # um of the image, and its centre
 RATE = 40.0  # rows per second
+BISECTED = 20  # times: to a millionth of the rates
 SAMPLE_RATE = 5000.0  # Hz
 SLOWEST = 1.0  # Hz of the rows: minutes, and 0.7 GB of memory
 TICK = 2e-5  # s that a tick of all four runs takes, on two cores that are busy
@@ -138,25 +139,38 @@ def stage_of(resonances: tuple[float, float], kinds: tuple[str, str], noise: flo
 
 
 def scan_of(
-    stage: MultiAxisSettings, rate: float, width: float = WIDTH, *, lead_in: float = LEAD_IN, slow: str = "steps"
+    stage: MultiAxisSettings,
+    rate: float,
+    width: float = WIDTH,
+    *,
+    lead_in: float = LEAD_IN,
+    slow: str = "steps",
+    stroke: float = math.inf,
 ) -> Scan:
     """The raster: turns and steps that leave each axis at rest, and the over-scan that the steps need.
 
-    Behind so many seconds of lines (`lead_in`); `slow` is that of `scans.raster`.
+    Behind so many seconds of lines (`lead_in`); `slow` is that of `scans.raster`. Lines whose turns go beyond the
+    `stroke`, um, are refused.
     """
     x, y = (one.dynamics() for one in stage.axes)
     least, step = (shaping.settling_move(one).duration for one in (x, y))
     fastest = 0.5 / (least + 3.1 * max(0.0, (step - least) / 2))  # an over-scan of the width on either side
-    if not SLOWEST <= checks.number("rate", rate, "Hz") <= fastest:
+    if checks.number("rate", rate, "Hz") < SLOWEST or not _reached(rate, fastest, x, step, width, stroke):
+        slower = SLOWEST
+        for _ in range(BISECTED):
+            middle = (slower + fastest) / 2
+            inside = _reached(middle, fastest, x, step, width, stroke)
+            slower, fastest = (middle, fastest) if inside else (slower, middle)
+        fastest = slower
+    if not SLOWEST <= rate <= fastest:
         first = " and ".join(f"{one.resonances[0]:g}" for one in stage.axes)
+        within = "" if math.isinf(stroke) else f", within a stroke of {stroke:g} um"
         bound = (
-            f"from {SLOWEST:g} to {fastest:.4g} Hz, as stages of {first} Hz need time to turn and to step in each row"
+            f"from {SLOWEST:g} to {math.floor(10 * fastest) / 10:.4g} Hz, as stages of {first} Hz need time to turn "
+            f"and to step in each row{within}"
         )
         raise SettingError("rate", rate, bound, "Hz")
-    turn = shaping.turn_time(x, rate)
-    margin = max(0.0, (step - turn) / 2)
-    line = 0.5 / rate - turn
-    over = max(OVER_SCAN, 1.001 * margin / max(line - 2 * margin, 1e-9))
+    over = _over_scan(rate, x, step)
     lead = max(math.ceil(lead_in * rate), LEAST_LEAD)
     made = scans.raster(
         width=width,
@@ -174,6 +188,22 @@ def scan_of(
     )
     lines.period_of(made)
     return made
+
+
+def _over_scan(rate: float, x: Dynamics, step: float) -> float:
+    """Of lines that leave a step of y, s, its time, as a part of the width."""
+    turn = shaping.turn_time(x, rate)
+    margin = max(0.0, (step - turn) / 2)
+    return max(OVER_SCAN, 1.001 * margin / max(0.5 / rate - turn - 2 * margin, 1e-9))
+
+
+def _reached(rate: float, fastest: float, x: Dynamics, step: float, width: float, stroke: float) -> bool:
+    """Whether lines that are no faster than `fastest`, Hz, have their turns within the stroke, um."""
+    if rate > fastest or math.isinf(stroke):
+        return rate <= fastest
+    about = {"ramp": 0.0, "sample_rate": x.sample_rate, "peak_to_peak": 1.0}
+    unit = trajectories.raster(frequency=rate, duration=2 / rate, turn=x, **about)
+    return width * (1 + 2 * _over_scan(rate, x, step)) / float(unit.settings["line"]) <= stroke  # type: ignore[arg-type]
 
 
 def seconds_for(rate: float) -> float:
@@ -220,7 +250,7 @@ def planned(
     for frequency in resonances:
         checks.within("resonances", frequency, SOFTEST, STIFFEST, "Hz")
     stage = stage_of(resonances, kinds, noise)
-    return stage, scan_of(stage, rate)
+    return stage, scan_of(stage, rate, stroke=STROKE)
 
 
 def image_stage(
