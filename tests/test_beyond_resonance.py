@@ -31,7 +31,7 @@ def settings_of(dynamics: Dynamics, **more: object) -> ControllerSettings:
     [
         (5000.0, 370.0, 2.26, 0.08, 0.008, 0.193, "plays"),
         (5000.0, 175.0, 3.48, 0.08, 0.006, 0.15, "preisach"),
-        (20_000.0, 1401.0, 2.35, 0.07, 0.005, 0.393, "plays"),
+        (20_000.0, 1401.0, 2.35, 0.07, 0.005, 0.4, "plays"),
     ],
 )
 def test_the_feedback_does_not_drive_a_mode_that_the_measurement_did_not_see(

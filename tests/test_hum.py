@@ -149,7 +149,7 @@ def test_a_load_of_which_nobody_knows_is_no_burst_of_the_law() -> None:
     assert np.abs(error).max() < 0.5
 
 
-@pytest.mark.parametrize("load", [25.0, 25.3])
+@pytest.mark.parametrize("load", [25.3, 25.6])
 @pytest.mark.parametrize("known", ["f0", "dynamics"])
 def test_a_load_that_the_law_follows_is_heard_beside_what_is_given(load: float, known: str) -> None:
     """0.3 um beside a motion of 1 Hz: the error has a tenth of it."""
@@ -297,7 +297,7 @@ def test_a_load_that_nobody_names_is_heard_and_taken_away(known: str, motion: fl
     error, controller = followed(plant, motion=motion, **given)
     frequency, amplitude = controller.load
     assert frequency == pytest.approx(LINE, abs=1.0)
-    assert 0.05 < amplitude < 0.4
+    assert 0.05 < amplitude < 0.45
     assert "um at 7" in str(controller)
     assert error.std() < 0.35 * 0.3 / math.sqrt(2)
 

@@ -24,7 +24,8 @@ from truestroke.control.stage import Stage, found
 from truestroke.model.operators import play
 from truestroke.plant import StagePlant, StageSettings
 from truestroke.signals.trajectories import Trajectory, raster, sine, triangle
-from truestroke.studies.robustness.fast.table import record
+from truestroke.studies.robustness.fast.sample import sample
+from truestroke.studies.robustness.fast.table import record, stage_of
 
 RATE, LIMITS = 5000.0, (-0.6, 3.6)
 AXIS = {"sample_rate": RATE, "stroke": 30.0, "voltage_limits": LIMITS, "slew_limit": 2e4}
@@ -190,7 +191,9 @@ def test_a_sine_with_a_harmonic_near_the_resonance_shows_it_by_the_weights_that_
 
 def test_a_harmonic_that_grows_at_the_resonance_does_not_hide_the_stage() -> None:
     """The fifth of 46.4 Hz beside 207.5 Hz was a load of 227.6 to 229.8 Hz for 2.3 s, with errors of 3 %."""
-    recording = record(27182, 125, "unknown")
+    sampled = sample(27182, 125, ["unknown"])
+    plant = StagePlant(stage_of(sampled), sampled.seed + 1)
+    recording = run(sampled.motions["unknown"], AdaptiveController.from_settings(sampled.controllers["unknown"]), plant)
     later = recording["time"] >= recording["time"][-1] / 2
     error, span = (recording["true"] - recording["desired"])[later], np.ptp(recording["desired"][later])
     assert np.max(np.abs(error)) < 0.005 * span
@@ -488,10 +491,10 @@ def test_a_ringing_of_less_than_a_thousandth_is_enough() -> None:
 
 
 def test_a_window_points_to_the_next_one() -> None:
-    """One of 750 Hz points to 824 Hz, one there to the stage; the search from above took 1.2 s. Both alike."""
+    """Where none does, none of 0.6 s shows the stage. Both alike."""
     wave = raster(frequency=40.0, peak_to_peak=20.0, offset=15.0, duration=0.6, sample_rate=RATE)
-    kernel, _ = followed_alike(stage(1091.0, hysteresis_kind="bouc-wen", dampings=(0.026,), noise=0.01), wave, 2200)
-    assert kernel.resonance == pytest.approx(1091.0, rel=0.03)
+    kernel, _ = followed_alike(stage(1085.0, hysteresis_kind="preisach", dampings=(0.026,), noise=0.01), wave, 2200)
+    assert kernel.resonance == pytest.approx(1085.0, rel=0.03)
 
 
 def test_windows_that_point_elsewhere_end_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -519,10 +522,10 @@ def test_each_second_window_is_about_what_is_known_until_a_stage_is_in_the_model
     assert centres(0.0) == [0.09, 0.25, 0.15, 0.09, 0.054, 0.0324, 0.0194, 0.0117]
 
 
-@pytest.mark.parametrize(("number", "before"), [(185, 21.6), (196, 19.9), (312, 22.6)])
+@pytest.mark.parametrize(("number", "before"), [(210, 12.8), (255, 14.0), (313, 28.7)])
 def test_windows_about_what_they_show_find_a_stage_that_noise_hides(number: int, before: float) -> None:
-    """An x of `benchmarks/axes.py`, nothing given, nm rms; `before`, where each window had to be certain within 2 %."""
-    assert axes.errors(number, None, True, True, None)[0] < before / 1.8
+    """An x of `benchmarks/axes.py`, nothing given, nm rms; `before`, where a window pointed to no other one."""
+    assert axes.errors(number, None, True, True, None)[0] < before / 3
 
 
 def test_noise_that_no_voltage_drives_shows_no_stage() -> None:

@@ -61,7 +61,7 @@ TERMS = {
     "inertia": Term("inertia", "s^2", 1, deviation=1.5e-7, mean=-1e-7),
     "offset": Term("offset", "um", 1, deviation=0.03),
     "asymmetry": Term("asymmetry", "um", MAX_ASYMMETRY, deviation=0.05),
-    "duhem": Term("duhem_lengths", "um/V", MAX_DUHEM, deviation=0.03),
+    "duhem": Term("duhem_lengths", "um/V", MAX_DUHEM, deviation=0.01),
     "coupling": Term("other_axes", "um/um", MAX_OTHERS, deviation=0.05),
     "coupling_lag": Term("other_axes", "s", MAX_OTHERS, deviation=5e-5),
     "coupling_inertia": Term("other_axes", "s^2", MAX_OTHERS, deviation=5e-8),
