@@ -66,7 +66,7 @@ def test_the_run_of_the_example_is_the_simulation_to_the_last_bit() -> None:
         assert live.unit(name) == channel.unit
         np.testing.assert_array_equal(live[name], channel.data, err_msg=name)
     with xarray.open_dataset("run.h5") as file:  # by its dimension scales
-        entries = {"time": 2000, "weights_time": 100, "weights_index": 39, "partial_slopes_index": 26}
+        entries = {"time": 2000, "weights_time": 100, "weights_index": 41, "partial_slopes_index": 26}
         assert {name: size for name, size in file.sizes.items() if name != "ending"} == entries
         assert file["measured"].dims == ("time",)
     late = live.metadata["lateness"]
