@@ -50,6 +50,21 @@ def test_measured_dynamics_replace_what_the_record_says_of_lag_and_inertia(inert
     assert known.command(10.0, 0.0) == pytest.approx(alone.command(10.0, 0.0), rel=1e-3)
 
 
+@pytest.mark.parametrize("lengths", [(), (1.0,), None])
+def test_weights_and_covariance_may_be_those_that_another_controller_learned(lengths):
+    before = AdaptiveController.from_model(model(), duhem_lengths=lengths, **AXIS)
+    for _ in range(20):
+        before.command(10.0, 0.0)
+        before.adapt(11.0)
+    P = np.diag(np.diag(before.covariance))
+    learned = {"initial_weights": tuple(before.weights.tolist()), "prior_covariance": tuple(map(tuple, P.tolist()))}
+    after = AdaptiveController.from_model(model(), duhem_lengths=lengths, **AXIS, **learned)
+    assert np.array_equal(after.weights, before.weights)
+    assert np.array_equal(after.settings.prior_covariance, P)
+    with pytest.raises(SettingError, match=f"initial_weights = .* must be {before.weights.size} numbers"):
+        AdaptiveController.from_model(model(), duhem_lengths=lengths, **AXIS, initial_weights=(1.0, 2.0))
+
+
 def test_they_may_be_files(tmp_path):
     save_model(tmp_path / "model.toml", model())
     STAGE.save(tmp_path / "dynamics.toml")

@@ -20,7 +20,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine, LayoutEngine
 
-from truestroke import report
+from truestroke import AdaptiveController, report, run, trajectories
+from truestroke.plant import RealisticPlant
 from truestroke.report import style
 from truestroke.report.page import Page, Section, Table, svg
 from truestroke.signals.recording import Channel, Recording
@@ -104,6 +105,15 @@ def test_the_legend_at_the_right_has_the_order_of_the_lines_ends(recording: Reco
     assert named == ["a₇", "a₆", "a₅", "a₄", "a₃", "a₂", "a₁", "a₀"]  # the recording's weights ascend
     colours = {line.get_label(): line.get_color() for line in panel.lines}
     assert [text.get_color() for text in panel.get_legend().get_texts()] == [colours[name] for name in named]
+
+
+def test_weights_of_the_states_of_duhem_have_a_row_with_their_lengths() -> None:
+    controller = AdaptiveController(sample_rate=2000.0, stroke=30.0, voltage_limits=(-0.6, 3.6))
+    wave = trajectories.sine(frequency=5.0, peak_to_peak=20.0, duration=1.0)
+    rows = report.weights(run(wave, controller, RealisticPlant())).axes
+    named = {panel.get_ylabel(): {line.get_label() for line in panel.lines} for panel in rows}
+    assert named["states of Duhem (µm/V)"] == {"4.2 V", "1.05 V"}
+    assert named["creep (µm/V)"] == {"0.003 s", "0.03 s", "0.3 s", "3 s"}
 
 
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda theme: theme.name)

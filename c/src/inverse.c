@@ -1,6 +1,6 @@
 #include "lanes.h"
 
-#define LEAST_SHARE ((ts_real)0.25) /* of a slope of the plays: what states of Duhem leave of it */
+#define LEAST_SHARE ((ts_real)0.25) /* of a slope of the plays: with states of Duhem it is no less */
 
 /* w.y with w[j] = s[j] - s[j-1], summed by parts: s[0] (y[0] - y[1]) + ... + s[n-1] y[n-1] */
 ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
@@ -15,7 +15,7 @@ ts_real ts_weighted_sum(const ts_real *s, const ts_real *y, int n)
     return total(load(last));
 }
 
-/* The slope behind play j, um/V. What states of Duhem change it by leaves a quarter of it. */
+/* The slope behind play j, um/V, with what states of Duhem change it by: at least a quarter of that of the plays. */
 static inline ts_real changed(const ts_real *s, int j, ts_real change)
 {
     ts_real sum = s[j] + change, least = LEAST_SHARE * s[j];

@@ -16,7 +16,7 @@ static inline bool all_finite(const ts_real *a, int n)
 
 static inline bool finite_memory(const ts_memory *memory, const ts_settings *s)
 {
-    return all_finite(memory->play, s->plays) && all_finite(memory->creep, s->terms[TS_CREEP]);
+    return all_finite(memory->play, s->plays) && all_finite(memory->creep, s->terms[TS_CREEP]) && all_finite(memory->duhem, s->terms[TS_DUHEM]);
 }
 
 static inline bool finite_law(const ts_controller *c)

@@ -351,7 +351,8 @@ class ActuatorModel(Displayed, Layout):
             return self._plays_alone().start(sample_rate, **changes)
         self.check_volts(**changes)
         lengths = changes.pop("duhem_lengths", None)
-        fixed = self.settings(sample_rate, **changes)
+        of_all = "initial_weights", "prior_covariance"  # of the states of Duhem, too, which `fixed` does not have
+        fixed = self.settings(sample_rate, **{name: value for name, value in changes.items() if name not in of_all})
         measured = changes.get("dynamics") is not None
         model = self.beside_dynamics() if measured else self
         weights = np.array(fixed.initial_weights)

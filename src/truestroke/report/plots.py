@@ -234,9 +234,10 @@ def _learned(recording: Recording) -> list[tuple[str, list[str], FloatArray]]:
         rows = [("partial slopes (µm/V)", [f"s{i}" for i in shown], slopes[:, shown])]
     if np.any(values[:, groups["b"]]):
         rows.append(("rate weights b (µm/V)", [names[i] for i in groups["b"]], values[:, groups["b"]]))
-    creeps = [i for i, name in enumerate(names) if name.startswith("creep")]
-    if creeps:
-        rows.append(("creep (µm/V)", [names[i].removeprefix("creep ") for i in creeps], values[:, creeps]))
+    for term, label in (("creep ", "creep (µm/V)"), ("duhem ", "states of Duhem (µm/V)")):
+        places = [i for i, name in enumerate(names) if name.startswith(term)]
+        if places:
+            rows.append((label, [names[i].removeprefix(term) for i in places], values[:, places]))
     coupled = [i for i, name in enumerate(names) if name.startswith("coupling ")]
     if coupled:
         rows.append(("of other axes (µm/µm)", [names[i] for i in coupled], values[:, coupled]))

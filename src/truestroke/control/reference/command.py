@@ -17,7 +17,7 @@ from truestroke.model.models import Motion, limit_slopes, play_walk, weighted_su
 
 IN_MOTION = 0.05  # of the smallest slope: that of the inverse, of weights that are held at rest
 HANDS_OVER = 20.0  # periods of the first resonance: in them the feedback hands over what was learned after a change
-LEAST_SHARE = 0.25  # of a slope of the plays: what states of Duhem leave of it
+LEAST_SHARE = 0.25  # of a slope of the plays: with states of Duhem it is no less
 SMOOTH = 8  # times the third difference of velocities: no more than the sum of their first ones
 
 
