@@ -55,5 +55,5 @@ def test_a_run_and_a_model_are_pictures_that_a_screen_reader_names(outputs: list
         assert words in alt
         assert 5_000 < len(light) < 300_000
         assert html.count("data:image/png") == 2  # light and dark
-        assert not re.search(r"\bum\b", html)
+        assert not re.search(r"\bum\b", re.sub(r'base64,[^"]*', "", html))
     assert "held out" in page(outputs[1][-1])

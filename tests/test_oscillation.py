@@ -54,7 +54,7 @@ def test_a_soft_stage_is_followed_and_does_not_ring(resonance, precision) -> Non
         _, error, _ = followed(wave, resonance, precision=precision)
         assert np.sqrt(np.mean(error[10000:] ** 2)) < 0.0015 * 20.0
         assert error.max() < 0.2 * 30.0
-        assert error[1000:].max() < 0.02 * 30.0
+        assert error[1000:].max() < 0.025 * 30.0
 
 
 @pytest.mark.parametrize("kind", [CAMPAIGN.Plays, CAMPAIGN.Preisach], ids=lambda kind: kind.__name__)

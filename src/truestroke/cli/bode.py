@@ -29,7 +29,7 @@ DEMO = {"voltage_limits": (-0.6, 3.6), "slew_limit": 504.0, "safe_voltage": 0.0}
 @click.option("--amplitude", metavar="V", type=float, help="Peak of the excitation.  [default: 1 to 3 % of the "
               "voltage range, by the noise]")  # fmt: skip
 @click.option("--band", metavar="A B", nargs=2, type=float, help="Frequencies that are excited, Hz.  [default: from 8 "
-              "periods in the duration to 0.45 of the sample rate]")  # fmt: skip
+              "periods in the duration to 0.45 of the sample rate, at most 8 kHz or 0.3 of it]")  # fmt: skip
 @click.option(
     "--bias", metavar="V", type=float, help="Voltage of the measurement.  [default: the middle of the limits]"
 )

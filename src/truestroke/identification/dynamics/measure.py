@@ -24,6 +24,7 @@ HOLD = 0.3  # s at the bias voltage: creep slows down, noise is measured
 FADING, FADING_CYCLES, FADING_FREQUENCY = 0.1, 8, 8.0  # of the voltage range; cycles; Hz
 LEAD = 0.25  # s of the excitation before its period
 CORNERS = 1000.0, 500.0, 200.0, 100.0  # Hz: from which on the amplitudes of the excitation fall: as the slew allows
+HIGHEST = 8000.0, 0.3  # Hz, and of the sample rate: the end of the band, at most, is the higher one
 PERIODS = 8  # of the lowest frequency in the duration
 LEVELS = 0.01, 0.03  # of the voltage range: the peak of the excitation, at least and at most
 LOUD = 24.0  # standard deviations of the noise: the peak of the displacement that is aimed at
@@ -113,7 +114,8 @@ def measure_bode(
     amplitude : float, optional
         Peak of the excitation, V; by default 1 to 3 % of the voltage range, by the noise of the sensor.
     band : tuple[float, float], optional
-        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate.
+        Frequencies that are excited, Hz; by default from 8 periods in the duration to 0.45 of the sample rate, or to
+        8 kHz or 0.3 of the rate, whichever is higher, where that is less.
     duration : float
         Of the excitation, s.
     slew_limit : float, optional
@@ -186,7 +188,7 @@ def measure_bode(
 
 def _band(band: tuple[float, float] | None, rate: float, duration: float) -> tuple[float, float]:
     if band is None:
-        return PERIODS / duration, SEEN * rate
+        return PERIODS / duration, min(SEEN * rate, max(HIGHEST[0], HIGHEST[1] * rate))
     low, high = checks.interval("band", band, "Hz")
     if low < 2 / duration or high > SEEN * rate:
         bound = f"within {2 / duration:g} Hz, two periods in {duration:g} s, and {SEEN * rate:g} Hz, {SEEN} of the rate"
