@@ -16,7 +16,7 @@ from truestroke.control.feedback import design
 from truestroke.control.reference import ReferenceController
 from truestroke.control.settings import CHANGEABLE, MAX_DEAD_ZONES, SETTINGS, kernel_settings
 from truestroke.model import layout
-from truestroke.model.layout import MAX_CREEPS, MAX_PLAYS
+from truestroke.model.layout import MAX_CREEPS, MAX_DUHEM, MAX_PLAYS
 
 ROOT = Path(__file__).parents[1]
 BENCH = {"sample_rate": 2000.0, "stroke": 30.0, "voltage_limits": (-0.6, 3.6)}
@@ -121,6 +121,7 @@ def test_the_kernels_check_again(name, value, words) -> None:
 def test_capacities_are_one() -> None:
     for kernel in (_kernel, _kernel32):
         assert (kernel.MAX_PLAYS, kernel.MAX_DEAD_ZONES, kernel.MAX_CREEPS) == (MAX_PLAYS, MAX_DEAD_ZONES, MAX_CREEPS)
+        assert kernel.MAX_DUHEM == MAX_DUHEM
 
 
 # ---- Changes while running ---------------------------------------------------------------------------------------

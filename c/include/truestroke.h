@@ -698,7 +698,7 @@ typedef struct {
     ts_real dead_zone_thresholds[TS_MAX_DEAD_ZONES];   /* d', um (of the inverse: they act on displacement) */
     ts_real dead_zone_weights[TS_MAX_DEAD_ZONES];      /* w_s', 1 (of the inverse) */
     ts_real creep[TS_MAX_CREEPS];                      /* 1 - exp(-T / tau) of each first-order state of the voltage */
-    ts_real duhem[TS_MAX_DUHEM];                       /* length of each state of Duhem, V: it forgets over so much way of the voltage */
+    ts_real duhem[TS_MAX_DUHEM];                       /* length of each state of Duhem, V: so far the voltage moves until it has forgotten */
     ts_real rate_scale;                                /* c_b, s/um */
     ts_real stroke;                                    /* um */
     ts_real initial_weights[TS_MAX_PARAMETERS];        /* w(0), um/V; known terms: see ts_term */

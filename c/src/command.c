@@ -105,7 +105,7 @@ ts_real ts_sum_of_plays(const ts_controller *c)
 }
 
 /* The voltage for which the model has y_d: by the plays (12), and by the slopes that states of Duhem add to theirs, first by those as the
- * voltage begins to move, then by those of the whole of its way. */
+ * voltage begins to move, then by those of its whole move. */
 static ts_real inverse(const ts_controller *c)
 {
     const ts_settings *s = c->settings;

@@ -2,7 +2,7 @@
 #include "asymmetry.h"
 #include "controller.h"
 
-#define FAR 100 /* lengths of a state of Duhem in a tick, at most: it has forgotten all long before */
+#define FAR 100 /* lengths of a state of Duhem that the voltage moves in a tick, at most: it has forgotten all long before */
 
 /* Place of the first weight of a known term: behind a_i of all plays, b_i of those that have one, and the terms before it. */
 int ts_column(const ts_settings *s, ts_term term)
@@ -32,8 +32,8 @@ void ts_remember_creep(ts_memory *memory, const ts_settings *s)
     for (int i = 0; i < s->terms[TS_CREEP]; i++) memory->creep[i] += s->creep[i] * (memory->play[0] - memory->creep[i]);
 }
 
-/* By how much a state of Duhem changes when the voltage moves, V. It follows the voltage with its way, not with time, so that it does not
- * depend on the sample rate: by 1 - exp(-way / length) of its distance from the middle of the way, to the second order. */
+/* By how much a state of Duhem changes when the voltage moves, V. It follows the voltage as far as that moves, not as time goes, so that it
+ * does not depend on the sample rate: by 1 - exp(-|moved| / length) of its distance from the middle of the move, to the second order. */
 static ts_real duhem_change(const ts_settings *s, const ts_memory *memory, ts_real moved, int i)
 {
     ts_real way = within(size_of(moved) / s->duhem[i], 0, FAR), grown = way + way * way / 2;

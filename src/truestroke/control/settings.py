@@ -40,10 +40,7 @@ LAG_SHARE, INERTIA_SHARE = 0.01, 0.05  # of 1 / w0 and 1 / w0^2: what may be mis
 RESONANCE_SHARE = 0.1  # of 1 / w0^2: the same where only the resonance is set
 DUHEM_DEVIATION = 0.1  # of stroke / voltage range: of a weight of a state of Duhem where the stage is known
 COUPLING_SHARES = 0.2, 4.0  # of 1 / w0 and 1 / w0^2: what velocity and acceleration of another axis do, one deviation
-DUHEM_LENGTHS = (
-    1.0,
-    0.25,
-)  # of the voltage range: states of Duhem, for minor loops that do not close
+DUHEM_LENGTHS = 1.0, 0.25  # of the voltage range: states of Duhem, for minor loops that do not close
 SLEW = 120.0  # voltage ranges a second
 SLEW_OF_DYNAMICS = 6.0  # voltage ranges in a period of the first resonance of the dynamics,
 SLEW_OF_RESONANCE = 2.0  # and where `resonance` alone is known: twice what a sine of f0/3 over the whole travel needs
@@ -306,7 +303,7 @@ def default_covariance(s: ControllerSettings) -> FloatArray | None:
 def expected_terms(s: ControllerSettings) -> Mapping[str, Term]:
     """The known terms: lag and inertia are in the dynamics, or in `resonance`, but for their errors.
 
-    A law that knows the stage takes more of what it sees for states of Duhem: elsewhere they would take ringing.
+    States of Duhem are expected to do more where the stage is known: elsewhere the law would follow loads by them.
     What another axis does through velocity and acceleration is scaled by the stage that answers it, too.
     """
     if s.dynamics is None and not s.resonance:

@@ -95,7 +95,7 @@ SETTINGS: declared.Table = {
         declared.whole(0, MAX_ASYMMETRY), **COUNTED,
     ),
     "duhem_lengths": Setting(
-        "Lengths of the states of Duhem, the way of the voltage over which each forgets; () is none", "V",
+        "Lengths of the states of Duhem: how far the voltage moves until each has forgotten; () is none", "V",
         _sizes(MAX_DUHEM), kernel="duhem terms", convert=lambda lengths, s: (list(lengths), list(s.counts.values())),
     ),
     "other_axes": Setting(
@@ -123,7 +123,7 @@ class Layout:
     asymmetry : int
         Number of terms of asymmetry, 0 to 2.
     duhem_lengths : tuple[float, ...]
-        Ways of the voltage over which the states of Duhem forget, V.
+        How far the voltage moves, up and down, until a state of Duhem has forgotten, V.
     other_axes : int
         Number of other axes whose displacement, velocity and acceleration are terms of this one, 0 to 2.
 

@@ -289,8 +289,8 @@ def creep_step(c: FloatArray, x: float, share: FloatArray) -> FloatArray:
 def duhem_change(c: FloatArray, before: float, moved: float, lengths: FloatArray) -> FloatArray:
     """By how much states of Duhem change when the voltage moves by `moved`, V: dc / d|x| = (x - c) / length.
 
-    They follow the voltage with its way, not with time, so that they do not depend on the sample rate: by
-    1 - exp(-|moved| / length) of their distance from the middle of the way, to the second order.
+    They follow the voltage as far as it moves, not as time goes, so that they do not depend on the sample rate: by
+    1 - exp(-|moved| / length) of their distance from the middle of the move, to the second order.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def duhem_change(c: FloatArray, before: float, moved: float, lengths: FloatArray
     before, moved : float
         Voltage before, and by how much it moves, V.
     lengths : ndarray, shape (k,)
-        Ways of the voltage over which the states forget, V.
+        How far the voltage moves until the states have forgotten, V.
 
     Examples
     --------

@@ -97,7 +97,7 @@ def sum_of_plays(c: State) -> float:
 def inverse(c: State, y_d: float) -> float:
     """The voltage for which the model has y_d: by the plays (12), and by the slopes that states of Duhem add to theirs.
 
-    First by those as the voltage begins to move, then by those of the whole of its way.
+    First by those as the voltage begins to move, then by those of its whole move.
     """
     play, gap = c.now.play, y_d - sum_of_plays(c)
     if not c.now.duhem.size:
