@@ -10,7 +10,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from benchmarks import axes, foreign_stages, given_resonance
+from benchmarks import axes, foreign_stages, given_resonance, one_hour
 from scipy import signal
 
 from truestroke import AdaptiveController, ControllerSettings, run
@@ -22,8 +22,9 @@ from truestroke.control.reference.found import damping
 from truestroke.control.resonance import SHOWN, ResonanceEstimator, shown
 from truestroke.control.stage import Stage, found
 from truestroke.model.operators import play
-from truestroke.plant import StagePlant, StageSettings
+from truestroke.plant import RealisticPlant, StagePlant, StageSettings
 from truestroke.signals.trajectories import Trajectory, raster, sine, triangle
+from truestroke.studies import robustness
 from truestroke.studies.robustness.fast.sample import sample
 from truestroke.studies.robustness.fast.table import record, stage_of
 
@@ -531,6 +532,19 @@ def test_windows_about_what_they_show_find_a_stage_that_noise_hides(number: int,
 def test_noise_that_no_voltage_drives_shows_no_stage() -> None:
     """The slow y of an XY stage; 34 nm where windows about 819 Hz put that into the model. The stage has 528 Hz."""
     assert axes.errors(382, None, True, True, None)[1] < 5.0
+
+
+def test_noise_of_a_slow_motion_is_no_stage_that_rings() -> None:
+    """Rest and slow waves for two minutes: after 111 s a stage of 434 Hz was found in place of one of 609 Hz."""
+    one = robustness.sample(0, 2)
+    plant = RealisticPlant(one.plant.without("change"), seed=2)
+    _, position, velocity = one_hour.pieces(np.random.default_rng(2), one.sampled["reach"], 12)
+    limits = {"stroke": one_hour.STROKE, "voltage_limits": one_hour.VOLTAGE_LIMITS}
+    controller = AdaptiveController(sample_rate=one_hour.SAMPLE_RATE, **limits)
+    plant.open()
+    error = one_hour.drive(controller, plant, position, velocity) - position
+    assert math.isnan(controller.resonance)
+    assert np.std(error[-20_000:]) < 0.01
 
 
 @pytest.mark.parametrize(("number", "before"), [(4, 159.0), (162, 33.0)])

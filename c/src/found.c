@@ -20,7 +20,8 @@
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
-#define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much */
+#define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much, */
+#define BY_CHANCE 6               /* and with more than so many such errors in a window: noise alone has half of them */
 #define TRIED ((ts_real)0.1)      /* of a stage that missed more than the law: what is shown so near to it is it */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define SEEN ((ts_real)4e-3)      /* of the motion's range: a smaller error of what is good shows no other resonance */
@@ -383,8 +384,8 @@ static bool matters(const ts_controller *c)
     if (fast && worse && !bursts) return false;
     if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
     if (fast && r->power > least) return true;
-    ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard);
-    return !c->stage.failed && ts_resonance_ringing(r) > rings * rings;
+    ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard), ringing = c->stage.failed ? 0 : ts_resonance_ringing(r);
+    return ringing > rings * rings && ringing * (ts_real)r->window > BY_CHANCE * noisy(c);
 }
 
 /* The last strains as the model has them when lag and inertia are in the stage: weights that were in their place would be a step of the

@@ -216,6 +216,11 @@ class ResonanceEstimator:
         return self.windows > 1 or (self.windows > 0 and self.variance < 2 * LEAST * LEAST)
 
     @property
+    def window(self) -> int:
+        """Ticks of the window that has just ended."""
+        return self._window
+
+    @property
     def ringing(self) -> float:
         """What inertia and damping explain beside the plays, in the band of the window that has just ended, um^2.
 

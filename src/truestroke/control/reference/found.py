@@ -36,7 +36,8 @@ ANOTHER = 0.07  # of their first resonance: one that differs by so much is that 
 FIRST_HOLD = 4  # blocks of the first hold of weights that had the least error
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error,
-SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much
+SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much,
+BY_CHANCE = 6  # and with more than so many such errors in a window: noise alone has half of them
 TRIED = 0.1  # of a stage that missed more than the law: what is shown so near to it is it
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 SEEN = 4e-3  # of the motion's range: a smaller error of what is good shows no other resonance
@@ -368,8 +369,8 @@ def matters(c: State) -> bool:
         least = max(least, large * large)
     if fast and known.power > least:
         return True
-    rings = SHAKEN * c.kept.guard.range
-    return not stage.failed and known.ringing > rings * rings
+    rings, ringing = SHAKEN * c.kept.guard.range, 0.0 if stage.failed else known.ringing
+    return ringing > rings * rings and ringing * known.window > BY_CHANCE * noisy(c, law)
 
 
 def forget_lag(c: State, law: FilteringLaw) -> None:
