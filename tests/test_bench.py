@@ -87,3 +87,8 @@ def test_every_size_law_and_way_is_there(found):
             for plays in suite.PLAYS:
                 assert (law, way, plays, "double") in seen
     assert {c["precision"] for c in found["costs"]} == {"double", "single"}
+
+
+def test_the_default_has_the_same_weights_in_c_as_through_python(found):
+    seen = {c["way"]: c["parameters"] for c in found["costs"] if (c["name"], c["plays"]) == ("default", 24)}
+    assert set(seen.values()) == {39}, seen
