@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.bench import rivals, suite, table
+from benchmarks.bench import page, rivals, suite, table
 from benchmarks.bench.cost import Cost, of_times
 
 from truestroke.control.adaptation import RLS
+from truestroke.report import style
 
 ROOT = Path(__file__).parents[1]
 
@@ -48,6 +49,17 @@ def test_the_fastest_of_the_variants_is_what_others_are_divided_by():
     assert "5 times" not in table.verdict([fast])
     assert "theirs 5." in table.verdict([slow, fast, other])
     assert [row[-1] for row in table.update_table([slow, fast, other])[1]] == ["1", "4", "5"]
+
+
+def test_on_a_phone_no_time_of_an_update_covers_a_name():
+    costs = [cost(variant="avx2"), of_times([5e5] * 100, 100, what="update", name="a long name of a package 1.2.3",
+             way="Python", plays=0, parameters=16)]  # fmt: skip
+    made = page.updates(costs, style.PAGE)
+    assert style.for_phone(made)
+    (panel,) = made.axes
+    names = [label.get_window_extent() for label in panel.get_yticklabels()]
+    for time in panel.texts:
+        assert time.get_window_extent().count_overlaps(names) == 0, time.get_text()
 
 
 def test_without_the_sources_the_rest_is_still_measured(monkeypatch, tmp_path):

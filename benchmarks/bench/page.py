@@ -44,8 +44,8 @@ def updates(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
             colour = theme["true"] if own else theme["muted"] if c.what == "limit" else theme["before"]
             panel.hlines(place, c.best_ns, max(c.p999_ns, c.best_ns), color=theme["desired"], lw=2, zorder=2)
             panel.plot(c.best_ns, place, "o", color=colour, ms=7, zorder=3)
-            panel.annotate(f"{c.best_ns:.0f}", (c.best_ns, place), (-7, 0), textcoords="offset points", ha="right",
-                           va="center", fontsize=8, color=theme["text"])  # fmt: skip
+            panel.annotate(f"{c.best_ns:.0f}", (c.best_ns, place), (0, 4), textcoords="offset points", ha="center",
+                           va="bottom", fontsize=8, color=theme["text"])  # fmt: skip
         style.logarithmic(panel, "x")
         panel.set(xlabel="one update (ns)", yticks=range(len(names)), yticklabels=names)
         panel.set_xlim(left=min((c.best_ns for c in found), default=1.0) / 3)
