@@ -129,7 +129,7 @@ def change(runs: Runs, theme: Theme) -> Figure:
 def sensor(runs: Runs, theme: Theme) -> Figure:
     """Three failures of the sensor, the same scale."""
     figure, panels = style.panels(5.0, 3, sharex=True, sharey=True)
-    shown = {"no signal": "no signal", "a 5 um spike every 50 ms": "a spike of 5 µm every 50 ms"}
+    shown = {"no signal": "no signal", "a 5 um spike every 50 ms": "5 µm spike every 50 ms"}
     shown["steps by 0.1 um"] = "off by 0.1 µm (plausible)"
     for panel, (name, words) in zip(panels, shown.items(), strict=True):
         plot_error(panel, runs["failed"][name], (1.5, 3.5), 1e3, **lines(theme)["default"])
@@ -154,7 +154,7 @@ def stopped(runs: Runs, theme: Theme) -> Figure:
             shade(panel, theme, 61.5, 62.0, "pause", 0.06)
     panels[0].set_ylabel("error of paper (µm)")
     panels[2].set_ylabel("error of default (nm)")
-    panels[2].set_ylim(-60, 60)
+    panels[2].set_ylim(-30, 30)
     return figure
 
 

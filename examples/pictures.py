@@ -116,7 +116,8 @@ def beside(names: Names, theme: Theme) -> Figure:
     words = [row.controller for row in names["rows"]]
     errors = [1e3 * row.summary.true_rmse_um for row in names["rows"]]
     bars = axes.barh(words, errors, color=[theme["before"], theme["true"]])
-    axes.bar_label(bars, fmt="%.0f nm", padding=4, color=theme["text"])
+    axes.bar_label(bars, fmt="%.2g nm", padding=4, color=theme["text"], fontsize=8)
+    axes.grid(axis="y", visible=False)
     axes.set(xlabel="true rmse (nm)", xlim=(0, 1.15 * max(errors)))
     axes.invert_yaxis()
     return figure

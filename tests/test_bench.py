@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.bench import rivals, suite, table
+from benchmarks.bench import page, rivals, suite, table
 from benchmarks.bench.cost import Cost, of_times
 
 from truestroke.control.adaptation import RLS
+from truestroke.report import style
 
 ROOT = Path(__file__).parents[1]
 
@@ -50,6 +51,17 @@ def test_the_fastest_of_the_variants_is_what_others_are_divided_by():
     assert [row[-1] for row in table.update_table([slow, fast, other])[1]] == ["1", "4", "5"]
 
 
+def test_on_a_phone_no_time_of_an_update_covers_a_name():
+    costs = [cost(variant="avx2"), of_times([5e5] * 100, 100, what="update", name="a long name of a package 1.2.3",
+             way="Python", plays=0, parameters=16)]  # fmt: skip
+    made = page.updates(costs, style.PAGE)
+    assert style.for_phone(made)
+    (panel,) = made.axes
+    names = [label.get_window_extent() for label in panel.get_yticklabels()]
+    for time in panel.texts:
+        assert time.get_window_extent().count_overlaps(names) == 0, time.get_text()
+
+
 def test_without_the_sources_the_rest_is_still_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(suite, "SOURCES", tmp_path)
     with pytest.raises(suite.NotHere, match="needs a checkout"):
@@ -87,3 +99,8 @@ def test_every_size_law_and_way_is_there(found):
             for plays in suite.PLAYS:
                 assert (law, way, plays, "double") in seen
     assert {c["precision"] for c in found["costs"]} == {"double", "single"}
+
+
+def test_the_default_has_the_same_weights_in_c_as_through_python(found):
+    seen = {c["way"]: c["parameters"] for c in found["costs"] if (c["name"], c["plays"]) == ("default", 24)}
+    assert set(seen.values()) == {39}, seen

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chromium import dom
+from docs.site import look
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,7 +18,7 @@ from truestroke import measure_bode, plant, run, trajectories
 from truestroke.control.controller import AdaptiveController
 from truestroke.report import charts, dynamics, run_page, spectra, words
 from truestroke.report.charts import Chart, Line, Panel
-from truestroke.report.style import LIGHT
+from truestroke.report.style import DARK, LIGHT
 
 
 def decoded(line: dict[str, object]) -> np.ndarray:
@@ -94,6 +95,16 @@ def test_a_browser_draws_the_chart_of_a_run_and_shows_the_part_of_the_address(pa
     assert part.count("<canvas") == 3
     assert re.search(r'class="chart" data-shown="0 1.9995"', dom(page, "#from=-5&to=400"))  # no further than the run
     assert re.search(r'class="chart" data-shown="0 1.9995"', dom(page, "#from=1.1&to=half"))  # a mangled address
+
+
+def test_legends_of_a_chart_follow_the_reader_to_dark(page: Path) -> None:
+    with look.chromium() as browser:
+        shown = browser.new_page(color_scheme="light")
+        shown.goto(page.as_uri())
+        for theme in (LIGHT, DARK):
+            shown.emulate_media(color_scheme=theme.name)  # type: ignore[arg-type]
+            colours = look.marked(shown)
+            assert {theme["desired"], theme["true"]} <= colours <= set(theme.variables.values())
 
 
 def test_a_page_with_a_chart_is_well_formed_small_and_needs_no_network(page: Path) -> None:

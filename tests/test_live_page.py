@@ -22,6 +22,7 @@ from running import COMMAND
 
 from truestroke import Recording, SettingError, StoppedError
 from truestroke.cli import main
+from truestroke.report.style import THEMES
 from truestroke.runtime.drivers.guard import Limits
 from truestroke.runtime.drivers.playback import lead, playback
 from truestroke.runtime.drivers.simulated import SimulatedDriver
@@ -124,6 +125,7 @@ def test_a_run_is_watched_moved_held_and_stopped(run: tuple[Served, Path]) -> No
                 page.set_viewport_size({"width": width, "height": 900})
                 wrong += look.too_wide(page)
             wrong += look.inaccessible(page)
+            assert {THEMES[scheme][role] for role in ("desired", "true")} <= look.marked(page)
         assert not wrong
 
         page.get_by_label("Set-point").fill("5")

@@ -198,7 +198,7 @@ def test_a_change_is_judged_where_it_says():
 
 def test_the_sentence_names_what_it_leaves_out():
     base = {
-        "rmse": 0.0,
+        "rmse": 0.004,
         "maximum": 0.0,
         "after_change": None,
         "cold": 0.0,
@@ -215,6 +215,9 @@ def test_the_sentence_names_what_it_leaves_out():
         "the times left out 2 have one, up to 2.35 um."
     )
     assert page.worst_runs(rows)[1][0][5] == "0.100"
+    (panel,) = page.largest(rows).axes
+    assert panel.get_ylabel().endswith("(nm)")
+    assert "250 nm" in [line.get_label() for line in panel.lines]
 
 
 def test_what_is_off_the_scale_is_marked():

@@ -28,7 +28,7 @@ NOTE = (
     "best: mean of the best window of steps, which is what ratios are made of; median, 99.9 % and worst: of single "
     "steps, less what reading the clock takes. Seconds do not repeat on shared machines; ratios of one run do."
 )
-WAYS = {"C": ("true", "o"), "Python, blocks of 1000": ("before", "s"), "Python, step by step": ("measured", "D")}
+WAYS = {"C": "o", "Python, blocks of 1000": "s", "Python, step by step": "D"}
 
 
 def updates(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
@@ -44,8 +44,8 @@ def updates(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
             colour = theme["true"] if own else theme["muted"] if c.what == "limit" else theme["before"]
             panel.hlines(place, c.best_ns, max(c.p999_ns, c.best_ns), color=theme["desired"], lw=2, zorder=2)
             panel.plot(c.best_ns, place, "o", color=colour, ms=7, zorder=3)
-            panel.annotate(f"{c.best_ns:.0f}", (c.best_ns, place), (-7, 0), textcoords="offset points", ha="right",
-                           va="center", fontsize=8, color=theme["text"])  # fmt: skip
+            panel.annotate(f"{c.best_ns:.0f}", (c.best_ns, place), (0, 4), textcoords="offset points", ha="center",
+                           va="bottom", fontsize=8, color=theme["text"])  # fmt: skip
         style.logarithmic(panel, "x")
         panel.set(xlabel="one update (ns)", yticks=range(len(names)), yticklabels=names)
         panel.set_xlim(left=min((c.best_ns for c in found), default=1.0) / 3)
@@ -59,12 +59,12 @@ def ticks(costs: Sequence[Cost], theme: Theme = LIGHT) -> Figure:
     with style.use(theme):
         figure, panels = style.panels(3.2, 1, 2, sharey=True)
         for panel, law in zip(panels, ("paper", "default"), strict=True):
-            for way, (role, marker) in WAYS.items():
+            for colour, (way, marker) in zip(theme.series, WAYS.items(), strict=False):
                 found = [c for c in _fastest(costs) if (c.what, c.name, c.way) == ("tick", law, way)]
                 found.sort(key=lambda c: c.plays)
                 if found:
                     xs, ys = [c.plays for c in found], [c.best_ns for c in found]
-                    panel.plot(xs, ys, marker=marker, ms=4.5, lw=1.4, color=theme[role], label=way)
+                    panel.plot(xs, ys, marker=marker, ms=4.5, lw=1.4, color=colour, label=way)
             style.logarithmic(panel, "y")
             panel.set(title=law, xlabel="plays")
         panels[0].set(ylabel="one tick (ns)", yticks=[50, 100, 200, 500, 1000, 2000])

@@ -8,6 +8,7 @@ prints a page.
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -65,6 +66,14 @@ def too_wide(page: Page) -> list[str]:
     page.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
     wide, window = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
     return [f"{wide} px wide in a window of {window} px"] if wide > window else []
+
+
+def marked(page: Page) -> set[str]:
+    """The colours of the markers in the legends of its charts, as "#rrggbb"."""
+    found = page.eval_on_selector_all(
+        ".u-marker", "all => all.filter(one => one.offsetWidth).map(one => getComputedStyle(one).borderTopColor)"
+    )
+    return {"#" + "".join(f"{int(part):02x}" for part in re.findall(r"\d+", colour)[:3]) for colour in found}
 
 
 def inaccessible(page: Page, scheme: str = "light") -> list[str]:

@@ -115,6 +115,7 @@ static ts_settings settings(int plays, bool paper)
     if (paper) return s;
     s.law = TS_LAW_KALMAN;
     s.terms[TS_CREEP] = 4, s.terms[TS_LAG] = 1, s.terms[TS_OFFSET] = 1, s.terms[TS_ASYMMETRY] = 2;
+    s.terms[TS_DUHEM] = 2, s.duhem[0] = (ts_real)4.2, s.duhem[1] = (ts_real)1.05;
     for (int i = 0; i < 4; i++) s.creep[i] = (ts_real)(0.15 * pow(0.1, i));
     s.slope_min = 3, s.slope_max = 28, s.velocity_limit = 1500, s.slew = (ts_real)0.25, s.smoothing = (ts_real)0.5;
     s.first_noise = (ts_real)0.03;
@@ -124,7 +125,7 @@ static ts_settings settings(int plays, bool paper)
         .change_rate = (ts_real)0.2, .refractory = 10, .change_gain = (ts_real)0.15,
         .change_hysteresis = (ts_real)0.3, .change_share = (ts_real)2e-3, .outlier = 12, .outliers = 3};
     int m = ts_parameters(&s);
-    for (int i = 0; i < m; i++) s.prior[TS_PACKED(i) + i] = i == 0 ? 9 : (ts_real)0.2;
+    for (int i = 0; i < m; i++) s.prior[TS_PACKED(i) + i] = i == 0 ? 9 : i < m - 2 ? (ts_real)0.2 : (ts_real)0.007;
     return s;
 }
 

@@ -28,7 +28,7 @@
       cursor: { sync: { key: "run", setSeries: false }, drag: { x: true, y: false }, points: { size: 6 } },
       scales: { x: { time: false, distr: chart.places ? 3 : 1, range: (u, low, high) => [low, high] },
         y: { distr: panel.logarithmic ? 3 : 1 } },
-      legend: { live: true },
+      legend: { live: true, markers: { stroke: (u, i) => (i ? `var(--${panel.lines[i - 1].role})` : "") } }, // follows light and dark
       axes: [{ ...axis, label: last ? chart.label : undefined, labelSize: 20, size: last ? 34 : 20, labelFont: axis.font,
         values: last ? undefined : (u, ticks) => ticks.map(() => ""), filter: chart.places ? labelled : undefined },
         { ...axis, size: 58, label: panel.label, labelSize: 20, labelFont: axis.font }],

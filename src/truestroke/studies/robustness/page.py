@@ -130,7 +130,7 @@ def largest(rows: Sequence[Row], theme: Theme = LIGHT) -> Figure:
             rmse, highest = ([1e3 * v for v in values(rows, controller, name)] for name in ("rmse", "largest"))
             colour, name = theme[ROLES[controller]], NAMES[controller]
             panel.plot(rmse, highest, markers[controller], color=colour, ms=4.5, alpha=0.75, label=name)
-        panel.axhline(1e3 * LIMIT, color=theme["alarm"], lw=1.2, ls="--", label=f"{LIMIT:g} µm")
+        panel.axhline(1e3 * LIMIT, color=theme["alarm"], lw=1.2, ls="--", label=f"{1e3 * LIMIT:g} nm")
         style.logarithmic(panel, "xy")
         panel.set(title="Each run", xlabel="true rmse, second half (nm)", ylabel="largest error that counts (nm)")
         style.legend_above(panel)

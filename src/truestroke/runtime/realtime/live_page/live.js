@@ -22,7 +22,8 @@
     const axis = { stroke: () => colour("text"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { stroke: () => colour("muted"), width: 1, size: 4 } };
     const width = () => Math.max(220, place.clientWidth);
     const plot = new uPlot({
-      width: width(), height, padding: [8, 18, 0, 0], legend: { show: named, live: false }, cursor: { drag: { x: false, y: false } }, scales: { x: { time: false } },
+      width: width(), height, padding: [8, 18, 0, 0], cursor: { drag: { x: false, y: false } }, scales: { x: { time: false } },
+      legend: { show: named, live: false, markers: { stroke: (u, i) => (i ? `var(--${lines[i - 1][1]})` : "") } }, // follows light and dark
       axes: [{ ...axis, size: 34, label: x, labelSize: 18 }, { ...axis, size: 60, label, labelSize: 18 }],
       series: [{ label: x }, ...lines.map(([name, role, width_]) => ({ label: name, stroke: () => colour(role), width: width_, points: { show: false } }))],
     }, [[], ...lines.map(() => [])], place);
