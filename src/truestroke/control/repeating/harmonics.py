@@ -179,8 +179,7 @@ class HarmonicLaw:
 
     def delay(self, samples: float) -> None:
         """G becomes so much later."""
-        cycles = np.arange(self.response.size) * samples / self.samples
-        self.response = np.exp(-2j * np.pi * cycles) * self.response
+        self.response = later(self.response, samples, self.samples)
 
     def noise(self, noise2: FloatArray) -> float:
         """Standard deviation in time of what has these variances of its harmonics, um."""
@@ -525,6 +524,11 @@ class PassLaw(HarmonicLaw):
         step = self._weight(E, noise2 * self._louder(own)) * known
         moved = self._moves(self._beyond)
         return np.where(self.learned | shown, step / (1 + moved / np.maximum(own, 1e-300)), 0.0)
+
+
+def later(harmonics: ComplexArray, by: float, samples: int) -> ComplexArray:
+    """Harmonics of a period of so many samples, which begins `by` samples later."""
+    return np.asarray(harmonics * np.exp(-2j * np.pi * np.arange(harmonics.size) * by / samples))
 
 
 def summed(values: npt.NDArray[Any], window: FloatArray) -> FloatArray:

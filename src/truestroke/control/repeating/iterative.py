@@ -20,7 +20,7 @@ from truestroke.base.display import Displayed, Rows, figures, quantity, taken_fo
 from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.base.verdict import Verdict
 from truestroke.control.actuator import ActuatorModel
-from truestroke.control.repeating.harmonics import BoolArray, PassLaw, nearest
+from truestroke.control.repeating.harmonics import BoolArray, PassLaw, later, nearest
 from truestroke.control.repeating.periodic_hysteresis import PeriodicHysteresis, identified
 from truestroke.control.repeating.response_prior import (
     DAMPING,
@@ -445,11 +445,7 @@ class IterativeLearning(Displayed):
         power = (f > 0) * np.abs(Y / np.maximum(f, 1.0)) ** 2
         if power.sum() - power.max() < RICH * power.sum():
             return 0.0
-        alike = np.fft.irfft(Z * np.conj(Y), FINER * self.samples)
-        steps = int(np.argmax(alike))
-        most = FINER * self.samples / self.periods
-        late = (steps - most * round(steps / most)) / FINER
-        moved = Y * np.exp(-2j * np.pi * np.arange(Y.size) * late / self.samples)
+        late, moved = self._most_alike(Y, Z)
         moved *= np.real(np.vdot(moved, Z)) / max(float(np.vdot(moved, moved).real), TINY)
         if np.sum(np.abs(Z - moved) ** 2) > LIKE_IT * np.sum(np.abs(Z) ** 2):
             return 0.0
@@ -457,7 +453,15 @@ class IterativeLearning(Displayed):
         least = max(FIRST_LATE[0], FIRST_LATE[1] * period)
         return late if least < abs(late) < period / 2 - least else 0.0
 
+    def _most_alike(self, Y: ComplexArray, Z: ComplexArray) -> tuple[float, ComplexArray]:
+        """Samples by which Y has to be later to be most like Z, within half a period, and Y as it is then."""
+        steps = int(np.argmax(np.fft.irfft(Z * np.conj(Y), FINER * self.samples)))
+        most = FINER * self.samples / self.periods
+        late = (steps - most * round(steps / most)) / FINER
+        return late, later(Y, late, self.samples)
+
     def _size(self, late: float) -> str:
+        """How late or early so many samples are, in words."""
         size = f"{figures(abs(late), 2)} samples, {figures(abs(late) / self.sample_rate, 2)} s,"
         return f"{size} too {'late' if late > 0 else 'early'}"
 
@@ -477,11 +481,7 @@ class IterativeLearning(Displayed):
         enough, of_noise = OTHER_PASS
         if other < enough * float(np.sum(np.abs(change) ** 2)) + of_noise * float(np.sum(noise + noise2)):
             return 0.0
-        alike = np.fft.irfft(Z * np.conj(Y), FINER * self.samples)
-        steps = int(np.argmax(alike))
-        most = FINER * self.samples / self.periods
-        late = (steps - most * round(steps / most)) / FINER
-        moved = Y * np.exp(-2j * np.pi * np.arange(Y.size) * late / self.samples)
+        late, moved = self._most_alike(Y, Z)
         left = float(np.sum(np.abs(Z - moved) ** 2))
         return late if abs(late) >= LATE_BY and left < EXPLAINED * other else 0.0
 
