@@ -25,7 +25,8 @@ def controller():
 
 
 def driver_of(resource: str, **change: object):
-    settings = {"output_range": (-20.0, 130.0), "sample_rate": 10.0, "timeout": 1.0, "backend": "@py", **change}
+    settings = {"output_range": (-20.0, 130.0), "sample_rate": 10.0, "backend": "@py"}
+    settings |= {"timeout": 20.0} | change  # s, as long as a busy machine may stall
     return find("nv200")(Nv200Settings(resource=resource, **settings))
 
 
@@ -83,7 +84,7 @@ def test_a_controller_that_is_not_set_up_is_refused(controller: Nv200, name: str
 @pytest.mark.parametrize("fault", ["meas:45:silent", "meas:45:error,7", "meas:45:drop", "meas:45:garbage"])
 def test_faults_end_at_the_safe_voltage(controller: Nv200, fault: str) -> None:
     controller.fault = fault
-    driver = driver_of(controller.resource)
+    driver = driver_of(controller.resource, timeout=1.0)  # s: one fault waits for it
     driver.open()
     driver.start(np.array([0.0]))
     with pytest.raises(DriverError, match="exchanging TCPIP"):

@@ -24,6 +24,7 @@ from truestroke.signals.timing import Timing
 
 PAGE = (Path(__file__).parents[1] / "docs/visa.md").read_text()
 SAFE = np.array([2.5])  # V
+SOON = 1.0  # s, time-out where the test waits for it
 SAID = {
     "output_range": (-20.0, 120.0),
     "axes": ("1",),
@@ -31,7 +32,7 @@ SAID = {
     "position_query": "POS{axis}?",
     "position_answer": "POS {position} um",
     "sample_rate": 10.0,  # whatever else this machine does
-    "timeout": 1.0,
+    "timeout": 20.0,  # s, as long as a busy machine may stall
     "backend": "@py",
 }
 
@@ -153,8 +154,8 @@ def test_it_is_as_accurate_as_without_the_wire(instrument: Instrument, made, mon
         ("POS1?:45:drop", "."),
     ],
 )
-def test_a_fault_is_an_error_and_ends_at_the_safe_voltage(instrument: Instrument, driver, fault, words) -> None:
-    instrument.fault = fault
+def test_a_fault_is_an_error_and_ends_at_the_safe_voltage(instrument: Instrument, made, fault, words) -> None:
+    instrument.fault, driver = fault, made(timeout=SOON)
     driver.open()
     driver.start(np.array([0.0]))
     with pytest.raises(DriverError, match=f"exchanging {re.escape(instrument.resource)}: .*{words}"):
@@ -167,9 +168,9 @@ def test_a_fault_is_an_error_and_ends_at_the_safe_voltage(instrument: Instrument
         assert instrument.volts == SAFE[0]
 
 
-def test_a_late_answer_is_not_taken_for_another(instrument: Instrument, driver) -> None:
+def test_a_late_answer_is_not_taken_for_another(instrument: Instrument, made) -> None:
     """After a time-out a new connection is made, on which no old answer can come."""
-    instrument.fault = "POS1?:45:silent"
+    instrument.fault, driver = "POS1?:45:silent", made(timeout=SOON)
     driver.open()
     driver.start(np.array([0.0]))
     with pytest.raises(DriverError):
