@@ -11,9 +11,11 @@ from truestroke.base.typing import FloatArray
 from truestroke.identification.held_out.steps import Steps, blocks
 
 TRIED = 4  # steps, one after the other: one is a change, the others show what chance and errors of the model make
-CLEAR = 7.0  # deviations of the residual, and of what all steps explain behind those that are tried
-ALONE = 1.9  # times what the next steps explain
-WALKS = 2  # cosines of a gain that changes slowly
+CLEAR = 6.0  # deviations of the residual, and of what all steps explain behind those that are tried
+ALIKE = 7.0  # deviations by how far parts of the record differ: a change is the same in all, an error of the model not
+PARTS = 12, 20
+ALONE = 1.5  # times what the next steps explain
+SHOWN = 25.0  # blocks that show as much of it as all do beside the fit, at least: errors of the model show less
 
 
 class Change(NamedTuple):
@@ -42,18 +44,21 @@ def change(
         return None
     gain = of.means(moved)
     kinds: tuple[tuple[Literal["gain", "delay"], Steps], ...] = (
-        ("gain", Steps(of, gain - gain.mean(), np.ones(gain.size), WALKS)),
+        ("gain", Steps(of, gain - gain.mean(), np.ones(gain.size))),
         ("delay", Steps(of, -of.means(rate))),
     )
-    each = [(_share(steps), kind) for kind, steps in kinds]
-    (share, size, at), kind = max(each)
+    (share, size, at), kind = max((_share(steps), kind) for kind, steps in kinds)
     return Change(kind, size, at * of.each) if share > 1.0 else None
 
 
 def _share(steps: Steps) -> tuple[float, float, int]:
     """What the best step explains, over what it has to, at least; its size, and its block."""
-    found = [steps.next() for _ in range(TRIED)]
-    deviation = max(float(np.std(steps.residual)), 1e-300)
-    explains, size, at = found[0]
-    least = max(CLEAR * deviation, CLEAR * steps.usual, ALONE * max(share for share, _, _ in found[1:]))
-    return explains / least, size, at
+    explains, size, at = steps.next()
+    if explains == 0.0 or explains**2 < SHOWN * size**2 * steps.square:
+        return 0.0, 0.0, 0
+    scatter = max(steps.scatter(parts) for parts in PARTS)
+    others = max(steps.next()[0] for _ in range(TRIED - 1))
+    if others == 0.0:  # there is nowhere else to compare it with
+        return 0.0, 0.0, 0
+    deviation = max(float(np.std(steps.residual)), steps.usual)
+    return explains / max(CLEAR * deviation, ALIKE * scatter, ALONE * others), size, at

@@ -76,13 +76,13 @@ class Steps:
 
     A step is `shape` from some block on and 0 before: of ones for a zero that jumps, of the displacement for a gain.
     Where there is an `other` shape, it is beside a step of that at the same block. Cosines in time are beside all of
-    them, and as many times the shape as `walks` says.
+    them.
     """
 
-    def __init__(self, of: Blocks, shape: FloatArray, other: FloatArray | None = None, walks: int = 0) -> None:
+    def __init__(self, of: Blocks, shape: FloatArray, other: FloatArray | None = None) -> None:
         n, r = of.residual.size, of.residual
         slow = np.cos(np.pi * (np.arange(n)[:, None] + 0.5) / n * np.arange(SLOW + 1))
-        X = np.column_stack([slow, shape[:, None] * slow[:, 1 : walks + 1], of.columns])
+        X = np.column_stack([slow, of.columns])
         above = np.zeros((X.shape[1], X.shape[1]))
         above[X.shape[1] - len(of.pull) :, X.shape[1] - len(of.pull) :] = of.pull
         R = normal.reduced(np.vstack([above, X]))
@@ -97,7 +97,8 @@ class Steps:
             self._of_both = _from(shape * other) - np.einsum("ij,ij->i", self._until, self._others)
         self._taken = list[FloatArray]()
         self._possible = of.possible
-        self._least = SHOWN * float(np.mean(shape**2))
+        self.square = float(np.mean(shape**2))
+        self._least = SHOWN * self.square
 
     @property
     def _shown(self) -> FloatArray:
@@ -133,6 +134,18 @@ class Steps:
             self._take(self._other, self._others[k], k)
         self._take(self._shape, self._until[k], k)
         return abs(float(explains[k])), height, k
+
+    def scatter(self, parts: int) -> float:
+        """Deviation of what the last step explains, um, by how far parts of the record differ that show as much of it.
+
+        An error that is not white, or that is not a step, has a larger one than the residual.
+        """
+        beside = self._taken[-1]
+        until = np.cumsum(beside**2)
+        of = np.minimum((parts * until / until[-1]).astype(np.intp), parts - 1)
+        shown, sums = (np.bincount(of, a, parts) for a in (beside**2, beside * self.residual))
+        each = sums**2 / np.maximum(shown, SMALL)
+        return float(np.sqrt(each.sum() / (parts - 1)))
 
     def _take(self, shape: FloatArray, of_fit: FloatArray, k: int) -> None:
         """Takes a step off the residual, and off all other steps."""

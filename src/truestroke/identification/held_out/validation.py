@@ -406,7 +406,7 @@ def _of_change(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str
         )
     if found.later_s:
         late = abs(found.later_s)
-        rows = f"{figures(late * findings.sample_rate_hz, 2)} rows, {_seconds(late)},"
+        rows = f"{max(round(late * findings.sample_rate_hz), 1)} rows, {_seconds(late)},"
         yield (
             "doubtful",
             f"{since} is {'later' if found.later_s > 0 else 'earlier'} by about {rows} than before: did one channel "
