@@ -102,7 +102,8 @@ def test_a_gain_that_changes_by_a_twentieth_beneath_the_noise_is_dated(seed: int
     x, z = changing(seed, noise=0.012)
     after = np.arange(x.size) >= at * RATE
     more = after * (z - z.mean())
-    right, wrong = (identify((x, z + share * more, RATE), modes=False) for share in (0.0, 0.05))
+    known = {"modes": False, "rate": False, "asymmetry": 0, "delay": 0.0}
+    right, wrong = (identify((x, z + share * more, RATE), **known) for share in (0.0, 0.05))
     assert (right.verdict.level, right.evidence.gain_changed, right.evidence.later_s) == ("good", 0.0, 0.0)
     assert wrong.evidence.over_noise < 2.0
     assert wrong.verdict.level == "doubtful"
