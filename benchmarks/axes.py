@@ -16,6 +16,7 @@ import numpy as np
 
 from truestroke import ControllerSettings, Dynamics, Mode, MultiAxisController, run, sensor_frame
 from truestroke.control.repeating.learned_strain import STEPS, LearnedStrain
+from truestroke.control.repeating.turns import Turns
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StageSettings
 from truestroke.signals.trajectories import raster
 
@@ -70,7 +71,7 @@ def steps() -> None:
     known = Dynamics(sample_rate=10_000.0, modes=(Mode(frequency=412.0, damping=0.02),))
     learned, random, took, batches = LearnedStrain(known, 250), np.random.default_rng(1), defaultdict(list), []
     wave = 5.0 * np.cos(2 * np.pi * np.arange(250) / 250)
-    learned.follow(wave, np.ones(250, dtype=bool), range(100_000))
+    learned.follow(wave, np.ones(250, dtype=bool), Turns(250, 0, 100_000))
     for tick in range(100_000):
         learned.at(tick)
         error = 0.05 * wave[(tick - 3) % 250] / (1 + len(learned.errors)) + 0.003 * random.standard_normal()

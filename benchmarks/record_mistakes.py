@@ -3,6 +3,7 @@
 python -m benchmarks.record_mistakes              the table of docs/identify.md; some minutes
 python -m benchmarks.record_mistakes --averaged   moving averages of both columns: verdict and error of the model
 python -m benchmarks.record_mistakes --jumps      a zero that jumps beneath 1 % of noise: verdicts; half an hour
+python -m benchmarks.record_mistakes --changes    a gain that changes, rows that are lost, so as well; half an hour
 """
 
 from __future__ import annotations
@@ -423,18 +424,52 @@ def jumps(seed: int = 1) -> None:
     )
 
 
-def seen(record: Record) -> tuple[str, bool]:
-    """The level of the verdict, and whether it says that the zero jumped; "refused" where `identify` refuses it."""
+def changes(seed: int = 5) -> None:
+    """Of the same records with 0.3 to 2.5 % of noise: which are `good`, and still are with a change at some row."""
+    sets = foreign_records, further_records, other_records, unseen_records
+    records, random = [r for one in sets for r in one.records(seed)], np.random.default_rng(seed + 1000)
+    of_right, planted = list[tuple[str, bool]](), {"gain": list[tuple[str, bool]](), "rows": list[tuple[str, bool]]()}
+    for number, r in enumerate(records):
+        stroke, rows = float(np.ptp(r.displacement)), r.time.size
+        z = r.displacement + 0.01 * 10 ** random.uniform(-0.5, 0.4) * stroke * random.standard_normal(rows)
+        at, sign = int(random.integers(0.15 * rows, 0.9 * rows)), int(random.choice([-1, 1]))
+        made = {"": Record.from_arrays(r.volts, z, time=r.time, source=r.source)}
+        after = 0.05 * sign * (z - random.uniform(0, 1) * stroke - z.min()) * (np.arange(rows) >= at)
+        made["gain"] = Record.from_arrays(r.volts, z + after, time=r.time, source=r.source)
+        short = np.delete(z, range(at, at + 3))
+        made["rows"] = Record.from_arrays(r.volts[:-3], short, time=r.time[:-3], source=r.source)
+        of_right.append(seen(made[""], CHANGED))
+        line = [of_right[-1]]
+        for name in planted if of_right[-1][0] == "good" else ():
+            planted[name].append(seen(made[name], CHANGED))
+            line.append(planted[name][-1])
+        print(f"{number:3} {line} {r.source}", flush=True)
+    said, good = (sum(counted) for counted in zip(*((says, level == "good") for level, says in of_right), strict=True))
+    print(f"{said} of {len(of_right)} correct records have a change; {good} are good")
+    for name, words in (("gain", "5 % of gain more or less"), ("rows", "three rows lost")):
+        still, says = sum(level == "good" for level, _ in planted[name]), sum(says for _, says in planted[name])
+        print(f"with {words} {still} of these still are, and {says} say it")
+
+
+JUMPED = ("did the zero of the sensor jump",)
+CHANGED = "did the gain or the range", "did one channel lose rows"
+
+
+def seen(record: Record, questions: tuple[str, ...] = JUMPED) -> tuple[str, bool]:
+    """The level of the verdict, and whether it asks one of these; "refused" where `identify` refuses it."""
     try:
         verdict = identify(record).verdict
     except RecordError:
         return "refused", False
-    return verdict.level, any("did the zero of the sensor jump" in reason for reason in verdict.reasons)
+    return verdict.level, any(question in reason for question in questions for reason in verdict.reasons)
 
 
 def main() -> None:
     if "--jumps" in sys.argv:
         jumps()
+        return
+    if "--changes" in sys.argv:
+        changes()
         return
     if "--averaged" in sys.argv:
         print(

@@ -3,6 +3,7 @@
     python -m benchmarks.scanning
     python -m benchmarks.scanning --between    # rates and rotations between the resonances: tables of decision 205
     python -m benchmarks.scanning --sampled 40 [--first 100]    # stages and scans by chance: table of decision 236
+    python -m benchmarks.scanning --spirals 40 [--first 200]    # spirals by chance, alone and learned: decision 374
 
 Each row changes one thing of the command: 512 x 512 pixels of 20 um at 40 rows a second and 5 kHz, a stage of plays at
 900 Hz and of Preisach at 700 Hz. Largest distortion and shift between trace and retrace, pixels; rms of x and y, nm.
@@ -81,10 +82,7 @@ def cases():
 def followed(width=imaging.WIDTH, rows=imaging.RATE, wrong=0.0, seed=0, scanned=None, **given):
     """Largest distortion and shift, pixels; rms of x and y, nm. `scanned` has other arguments of `scan_of`."""
     made = stage(**given)
-    told = tuple(
-        dataclasses.replace(one, resonances=tuple((1 + wrong / 100) * f for f in one.resonances)) for one in made.axes
-    )
-    known = dataclasses.replace(made, axes=told)
+    known = wrongly(made, wrong)
     scan = imaging.scan_of(known, rows, width, **(scanned or {}))
     controllers = imaging.controllers_of(known, lines.period_of(scan))
     true = lines.together(scan, MultiAxisStage(made, seed), controllers)
@@ -137,16 +135,62 @@ def turns(*resonances: float) -> tuple[float, float]:
 def turned(made: MultiAxisSettings, rotation: float) -> float:
     """Error of a spiral, % of its diameter, rms."""
     scan = imaging.spiral_of(made, rotation)
-    true = lines.together(scan, MultiAxisStage(made), imaging.controllers_of(made))
-    return imaging.percent_off(scan, true - np.stack([axis.position for axis in scan.axes], axis=1))
+    return off(scan, made, made, lines.period_of(scan))
+
+
+def off(scan: scans.Scan, made: MultiAxisSettings, known: MultiAxisSettings, period: float | None, seed=0) -> float:
+    """The same of a scan with a period or without, on a stage that is known as another."""
+    true = lines.together(scan, MultiAxisStage(made, seed), imaging.controllers_of(known, period))
+    error = true - np.stack([axis.position for axis in scan.axes], axis=1)
+    return imaging.percent_off(scan, error) * imaging.WIDTH / scan.size[0]
+
+
+def spirals(numbers: range) -> None:
+    """Spirals by chance, whose resonances are known as they are or 3 % wrong: alone, and what is learned of turns."""
+    print(f"{'% of the diameter, rms':80}   alone  learned")
+    found = []
+    for number in numbers:
+        given, random = sampled(number), np.random.default_rng([number, 374])
+        width, _, seed = (given.pop(name) for name in ("width", "rows", "seed"))
+        most = min(given["resonances"]) / 5
+        rotation = float(
+            random.choice([one for one in (5.0, 10.0, 20.0, 40.0, 50.0, 100.0, 125.0, 200.0) if one < most])
+        )
+        turns = min(int(random.choice([64, 128, 256])), round(12 * rotation))  # at most 12 s
+        wrong = float(random.choice([0.0, 0.0, -3.0, 3.0]))
+        made, usual = stage(**given), {"offset": imaging.OFFSET, "lead_out": imaging.LEAD_OUT}
+        scan = scans.spiral(diameter=width, turns=turns, rotation=rotation, sample_rate=given["rate"], **usual)
+        words = f"{number}: {given['resonances']}, {given['damping']}, {given['kinds']}, {width:g} um, "
+        words += f"{turns} turns at {rotation:g} Hz, {wrong:+g} %"
+        try:
+            pair = [off(scan, made, wrongly(made, wrong), period, seed) for period in (None, lines.period_of(scan))]
+        except SettingError as error:
+            print(f"{words}: refused: {error}", flush=True)
+            continue
+        found.append(pair)
+        print(f"{words:80}{pair[0]:8.3f} {pair[1]:8.3f}", flush=True)
+    for name, share in (("median", 50), ("95 %", 95), ("worst", 100)) if found else ():
+        print(f"{name:80}" + "".join(f"{one:8.3f} " for one in np.percentile(found, share, axis=0)))
+
+
+def wrongly(made: MultiAxisSettings, percent: float) -> MultiAxisSettings:
+    """The same stage with all resonances so far off."""
+    axes = tuple(
+        dataclasses.replace(one, resonances=tuple((1 + percent / 100) * f for f in one.resonances)) for one in made.axes
+    )
+    return dataclasses.replace(made, axes=axes)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--between", action="store_true", help="rates between the resonances instead")
     parser.add_argument("--sampled", type=int, metavar="N", help="so many stages and scans by chance instead")
+    parser.add_argument("--spirals", type=int, metavar="N", help="so many spirals by chance instead")
     parser.add_argument("--first", type=int, default=0, help="number of the first of them")
     asked = parser.parse_args()
+    if asked.spirals:
+        spirals(range(asked.first, asked.first + asked.spirals))
+        return
     if asked.between:
         between()
         return

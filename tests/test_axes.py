@@ -28,6 +28,7 @@ from truestroke import (
 from truestroke.base import frames
 from truestroke.cli import main
 from truestroke.control.repeating.learned_strain import LearnedStrain
+from truestroke.control.repeating.turns import Turns, turns_of
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StagePlant, StageSettings
 from truestroke.runtime.drivers.turned import Turned
@@ -623,7 +624,7 @@ def test_the_learned_strain_of_a_linear_stage(sign, least):
     known = Dynamics(sample_rate=RATE, modes=(Mode(frequency=412.0, damping=0.02),))
     learned, period = LearnedStrain(known, 250), 250
     wave = 5.0 * np.cos(2 * np.pi * np.arange(period) / period)
-    learned.follow(wave, np.ones(period, dtype=bool), range(0, 100_000))
+    learned.follow(wave, np.ones(period, dtype=bool), Turns(period, 0, 100_000))
     f = np.arange(period // 2 + 1) * 40.0 / 400.0
     hold = np.sinc(f * 400.0 / RATE) * np.exp(-1j * np.pi * f * 400.0 / RATE)
     response = sign * hold / (1 - f**2 + 2j * 0.02 * f)
@@ -637,6 +638,97 @@ def test_the_learned_strain_of_a_linear_stage(sign, least):
         assert learned.errors.count(pytest.approx(learned.errors[0])) > 2, "it begins again"
     else:
         assert learned.errors[-1] < least * learned.errors[0]
+
+
+# ---- Turns that grow -------------------------------------------------------------------------------------------------
+
+
+def spiral(turns=256, rotation=100.0, rate=RATE, **given):
+    scan = scans.spiral(turns=turns, rotation=rotation, sample_rate=rate, offset=(15.0, 15.0), **given)
+    return dict(zip("xy", scan.axes, strict=True)), scan.inside
+
+
+def off(motion, inside, period):
+    """Of a spiral whose 7th harmonic is at the resonance of Bouc-Wen, % of its diameter, rms."""
+    stages = (StageSettings(), StageSettings(resonances=(700.0,), hysteresis_kind="bouc-wen"))
+    controller = MultiAxisController(
+        {name: told(one, 1.0) for name, one in zip("xy", stages, strict=True)}, period=period
+    )
+    recording = run(motion, controller, MultiAxisStage(MultiAxisSettings(axes=stages), seed=1))
+    errors = np.stack([recording[f"true_{name}"] - recording[f"desired_{name}"] for name in "xy"])[:, inside]
+    return 100 / 20.0 * np.sqrt(np.mean(np.sum(errors**2, axis=0)))
+
+
+def test_what_is_alike_in_turns_that_grow_is_learned():
+    motion, inside = spiral()
+    assert off(motion, inside, 0.01) < 0.07 < 0.5 * off(motion, inside, None)
+
+
+@pytest.mark.parametrize("shrinks", [False, True])
+def test_turns_that_grow_are_as_large_as_they_are(shrinks):
+    """A spiral r = pitch phi / (2 pi), with a slow drift."""
+    period, n = 50, 200
+    k = np.arange(n * period)[:: -1 if shrinks else 1]
+    z = 5.0 * k / k.size * np.sin(2 * np.pi * k / period) + 1e-4 * k
+    motion = Trajectory("turns", RATE, z, np.gradient(z, 1 / RATE))
+    found = turns_of([motion], period, 0)
+    here = np.arange(found.start, found.stop)
+    radius = k[here] / k[here].max()
+    np.testing.assert_allclose(found.size(here), np.maximum(radius, 0.2), atol=0.01)
+    assert len(here) > 0.9 * k.size
+    assert found.at(found.start + 777) == found.size(here)[777]
+    assert 0.9 * np.ptp(z) < np.ptp(z[found.largest]) + 1e-4 * k.size
+
+
+@pytest.mark.parametrize(
+    "z",
+    [
+        10.0 * np.sin(2 * np.pi * np.arange(20_000) / 10_000),  # much slower: each part is like the next
+        np.linspace(0.0, 10.0, 20_000),
+        10.0 * np.sin(2 * np.pi * np.linspace(0.0, 7.0, 2_000) ** 2),  # a chirp
+        np.linspace(0.0, 10.0, 450) * np.sin(2 * np.pi * np.arange(450) / 50),  # nine turns
+        np.random.default_rng(0).standard_normal(20_000),
+    ],
+)
+def test_what_has_no_turns_of_this_period_is_refused(z):
+    with pytest.raises(SettingError, match=r"period = .* s: must be a period of the motion, here a "):
+        turns_of([Trajectory("turns", RATE, z, np.gradient(z, 1 / RATE))], 50, 0)
+
+
+def test_few_turns_are_refused_with_the_number_of_them():
+    """Their first batches, which may be wrong, would be all."""
+    known = settings(SLOW, dynamics=SLOW.dynamics())
+    motion, _ = spiral(turns=64)
+    with pytest.raises(SettingError, match=r"period = 0.01 s: must be left out: 59 turns grow .* damping 72 are"):
+        MultiAxisController({"x": known, "y": known}, period=0.01).prepare(motion)
+
+
+def test_each_tick_of_turns_that_grow_has_the_bits_of_blocks():
+    """A batch is concluded in several ticks, and in one call; a state goes on in the middle."""
+    known = Dynamics(sample_rate=RATE, modes=(Mode(frequency=700.0, damping=0.02),))
+    wave, counts = np.sin(2 * np.pi * np.arange(50) / 50), np.ones(50, dtype=bool)
+    turns = Turns(50, 500, 10_500, np.linspace(0.2, 1.0, 200))
+    noise = np.random.default_rng(0).standard_normal(10_600)
+    blocks, ticks = (LearnedStrain(known, 50) for _ in range(2))
+    added = []
+    for one in (blocks, ticks):
+        one.follow(wave, counts, turns)
+    begin = 0
+    while begin < 10_600:
+        stop = next((stop for stop in blocks.stops if stop > begin), 10_600)
+        added.append(blocks.of(range(begin, stop)))
+        blocks.see(begin, noise[begin:stop])
+        begin = stop
+    one_by_one = []
+    for tick in range(10_600):
+        if tick == 6_000:
+            other = LearnedStrain(known, 50)
+            other.restore(ticks.state())
+            ticks = other
+        one_by_one.append(ticks.at(tick))
+        ticks.put(tick, noise[tick])
+    assert len(blocks.errors) >= 10
+    np.testing.assert_array_equal(np.concatenate(added), one_by_one)
 
 
 def of_a_line(learned, period, batches, errors, noise):
@@ -653,7 +745,7 @@ def of_a_line(learned, period, batches, errors, noise):
 def behind_a_mode(rate, period, f0, damping):
     """What learns lines on a stage whose mode is known, harmonics of them over f0, and its response there."""
     learned = LearnedStrain(Dynamics(sample_rate=rate, modes=(Mode(frequency=f0, damping=damping),)), period)
-    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), range(10**7))
+    learned.follow(np.cos(2 * np.pi * np.arange(period) / period), np.ones(period, dtype=bool), Turns(period, 0, 10**7))
     f = np.arange(period // 2 + 1) * rate / period / f0
     response = np.exp(-1j * np.pi * f * f0 / rate) / (1 - f**2 + 2j * damping * f)
     return learned, f, response

@@ -177,8 +177,10 @@ def test_rows_whose_turns_are_longer_than_the_stroke_are_refused(rate, resonance
 
 
 def test_a_motion_that_does_not_repeat_is_named():
-    with pytest.raises(SettingError, match="a spiral does not repeat"):
-        lines.period_of(scans.spiral(turns=4))
+    with pytest.raises(SettingError, match="a spiral: must be one of lines or turns of equal time"):
+        lines.period_of(scans.spiral(turns=4, velocity="linear"))
+    with pytest.raises(SettingError, match=r"rotation = 30.0 Hz: must be one whose period is a whole number of ticks"):
+        lines.period_of(scans.spiral(turns=4, rotation=30.0))
     with pytest.raises(
         SettingError, match=r"rate = 41.0 Hz: must be one whose period is a whole number of ticks from 16 to 8192, not"
     ):

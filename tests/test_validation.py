@@ -10,6 +10,7 @@ from benchmarks import foreign_records
 from truestroke import trajectories
 from truestroke.identification import Record, examine, identify, load_model, save_model
 from truestroke.identification.fitting.uncertainty import autocorrelation
+from truestroke.identification.held_out.changed import change
 from truestroke.identification.held_out.jump import jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence, evidence, verdict
@@ -85,6 +86,57 @@ def test_a_jump_that_creep_of_the_fit_takes_is_found(seed: int, until: float | N
     assert any("did the zero of the sensor jump" in reason for reason in wrong.verdict.reasons)
     assert wrong.evidence.jump_s == pytest.approx(until or 1.8, abs=0.02)
     assert abs(wrong.evidence.jump_um) == pytest.approx(0.05 * stroke, rel=0.25)
+
+
+def changing(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Voltage and displacement of a stage with creep, beneath noise, a share of the stroke."""
+    x = trajectories.random_wave(duration=6.0, sample_rate=RATE, cutoff=4.0, peak_to_peak=4.0, seed=seed).position
+    z = 7 * x + 5 * play_history(x, (0.3, 1.0)).sum(axis=1)
+    z += 0.02 * np.convolve(z, 0.001 * np.exp(-np.arange(4000) / 800.0))[: z.size]
+    return x, z + noise * np.ptp(z) * np.random.Generator(np.random.PCG64(seed + 5)).standard_normal(z.size)
+
+
+@pytest.mark.parametrize(("seed", "at"), [(0, 3.5), (1, 3.5)])
+def test_a_gain_that_changes_by_a_twentieth_beneath_the_noise_is_dated(seed: int, at: float) -> None:
+    """It was a good model, or one whose zero had jumped."""
+    x, z = changing(seed, noise=0.012)
+    after = np.arange(x.size) >= at * RATE
+    more = after * (z - z.mean())
+    right, wrong = (identify((x, z + share * more, RATE), modes=False) for share in (0.0, 0.05))
+    assert (right.verdict.level, right.evidence.gain_changed, right.evidence.later_s) == ("good", 0.0, 0.0)
+    assert wrong.evidence.over_noise < 2.0
+    assert wrong.verdict.level == "doubtful"
+    assert wrong.evidence.gain_changed == pytest.approx(0.05, abs=0.015)
+    assert wrong.evidence.changed_s == pytest.approx(at, abs=0.15)
+    assert any("further for the same voltage than before: did the gain" in reason for reason in wrong.verdict.reasons)
+
+
+@pytest.mark.parametrize("rows", [3, -3], ids=["displacement", "voltage"])
+def test_a_few_rows_that_one_channel_has_lost_are_counted(rows: int) -> None:
+    """Fewer than the four that are seen without a model: it was a good one."""
+    x, z = changing(seed=0, noise=0.012)
+    first, kept = (z, x) if rows > 0 else (x, z)
+    lost, kept = np.delete(first, np.arange(3500, 3500 + abs(rows))), kept[: -abs(rows)]
+    wrong = identify((kept, lost, RATE) if rows > 0 else (lost, kept, RATE), modes=False)
+    assert wrong.verdict.level == "doubtful"
+    assert wrong.evidence.later_s == pytest.approx(-rows / RATE, rel=0.15)
+    assert wrong.evidence.changed_s == pytest.approx(3.5, abs=0.05)
+    way = "earlier" if rows > 0 else "later"
+    assert any(f"is {way} by about 3 rows" in reason and "lose rows" in reason for reason in wrong.verdict.reasons)
+
+
+def test_an_error_that_is_in_some_parts_of_the_record_is_no_change_of_the_gain() -> None:
+    """As of a model: a step of the gain explains it, but it is as large nowhere else."""
+    z = 20.0 * np.sin(np.arange(4000) / 30.0)
+    noise, rate = np.random.Generator(np.random.PCG64(0)).standard_normal(4000), np.gradient(z)
+    gain, later = np.zeros((2, 4000))
+    gain[1700:], later[1700:] = 0.04, 1.0
+    places = np.arange(4000) // 200 % 4 == 1
+    nothing = np.zeros((4000, 0)), np.zeros((0, 0)), z
+    found = [change(noise + error, *nothing, z, rate) for error in (gain * z, 4 * gain * z * places, -later * rate)]
+    assert found[0] == ("gain", pytest.approx(0.04, abs=0.01), pytest.approx(1700, abs=80))
+    assert found[1] is None
+    assert found[2] == ("delay", pytest.approx(1.0, abs=0.2), pytest.approx(1700, abs=80))
 
 
 def test_a_step_of_the_voltage_and_a_new_end_of_its_range_are_no_jump_of_the_zero() -> None:

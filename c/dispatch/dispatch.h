@@ -26,7 +26,8 @@ const char *ts_variant_in_use(void);
 }
 #endif
 
-/* Every function of truestroke.h: result, name, parameters, arguments; apart are those that return nothing. */
+/* The functions of truestroke.h that the package calls: result, name, parameters, arguments; apart are those that return nothing. The
+ * others are called by the kernel itself alone. */
 #define TS_FUNCTIONS(VALUE, NOTHING)                                                                                    \
     NOTHING(ts_play_bank, (ts_real x, const ts_real *r, ts_real *y, int n), (x, r, y, n))                               \
     VALUE(ts_real, ts_dead_zones, (ts_real y, const ts_real *d, const ts_real *w, int m), (y, d, w, m))                 \

@@ -27,8 +27,6 @@ DEMO_STROKE = 35.0  # um over the whole of these limits
 SECONDS = 8e-6  # of a sample that is simulated
 LONGEST_SIMULATION = 600.0  # s
 LONGEST = 10_000_000  # samples of a repetition
-IN_OPTIONS = {"size of the motion": "peak_to_peak", "frequency of the motion": "frequency"}
-"""Arguments of errors by the options that set them; the place of the motion is of both size and offset."""
 
 
 @click.command()
@@ -76,7 +74,7 @@ def learn(
     driver, limits, rate, given = _driven(config, options)
     if options["offset"] is None:
         options["offset"] = _middle(limits, options["peak_to_peak"])
-    with checks.inside("", IN_OPTIONS):
+    with _naming_options():
         duration = _long(rate, options)
         expected = _expected(rate, config, options)
     wave = _wave(motion, rate, duration, options)
@@ -187,7 +185,7 @@ def _learned(
             click.echo(f"motion     {place.min():.4g} to {place.max():.4g} um, with 0 um at 0 V")
 
     try:
-        with checks.inside("", IN_OPTIONS):
+        with _naming_options():
             return truestroke.learn(driver, wave, **given, report=report, doing=doing, begins=begins)
     except truestroke.TruestrokeError as error:
         if not best:
@@ -199,6 +197,13 @@ def _learned(
         if best:
             common.complain(_kept(best[-1], target))
         raise
+
+
+def _naming_options() -> AbstractContextManager[None]:
+    """Errors name the options that set the motion; its place is of both size and offset."""
+    from truestroke.control.repeating.iterative import FREQUENCY_OF, SIZE
+
+    return checks.inside("", {SIZE: "peak_to_peak", FREQUENCY_OF: "frequency"})
 
 
 def _kept(found: Learned, target: Path) -> str:

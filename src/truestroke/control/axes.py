@@ -32,7 +32,7 @@ from truestroke.base.typing import FloatArray
 from truestroke.control import stage
 from truestroke.control.controller import AdaptiveController, Counters, State
 from truestroke.control.repeating.learned_strain import BEGIN, LearnedStrain, whole_ticks
-from truestroke.control.repeating.repetition import LEFT, check_repeats
+from truestroke.control.repeating.turns import Turns, turns_of
 from truestroke.control.settings import ControllerSettings
 from truestroke.model.dynamics import Dynamics
 from truestroke.model.layout import MAX_OTHERS
@@ -55,14 +55,11 @@ class AxesMotion:
     others : ndarray, shape (ticks, 3 axes (axes - 1))
         For each axis in turn, of each other one in turn: displacement, velocity and acceleration, through G^-1 of the
         axis that takes them.
-    repeats : range
-        Ticks in which it repeats the period of the controller; empty where that has none.
     """
 
     axes: Mapping[str, Trajectory]
     strain: FloatArray
     others: FloatArray
-    repeats: range = range(0)
 
     @functools.cached_property
     def _columns(self) -> list[FloatArray]:
@@ -97,9 +94,9 @@ class MultiAxisController(Displayed):
         F: row i is what the sensor of axis i reads of a um of each axis, 1; by default each stands along its axis.
         `truestroke.sensor_frame` makes it from angles. Errors of some per cent are learned.
     period : float, optional
-        Of a motion that is known ahead and repeats on one axis or more, s: what is the same in each period of the error
-        of each axis is learned, too, once half a second has passed. All axes need `dynamics` then. A whole number of
-        ticks, 16 to 8192.
+        Of a motion that is known ahead and repeats on one axis or more, or has turns that grow, as a spiral, s: what is
+        the same in each period of the error of each axis is learned, too, once half a second has passed. All axes need
+        `dynamics` then. A whole number of ticks, 16 to 8192.
 
     Attributes
     ----------
@@ -281,10 +278,13 @@ class MultiAxisController(Displayed):
         Raises
         ------
         SettingError
-            There is not one trajectory for each axis, their sample rates or lengths differ, or none repeats `period`.
+            There is not one trajectory for each axis, their sample rates or lengths differ, or none repeats `period`,
+            nor goes through it in turns that grow or shrink.
         """
         trajectories = in_order(motion, self.names, self.sample_rate)
-        repeats = range(0) if self.period is None else _repeated(trajectories, self.period)
+        turns = None
+        if self.period is not None:
+            turns = turns_of(trajectories, self.period, round(BEGIN * self.sample_rate))
         own = self._motion_of_axes(trajectories)
         ticks, n = len(trajectories[0]), len(own)
         strain = np.full((ticks, n), np.nan)
@@ -294,8 +294,9 @@ class MultiAxisController(Displayed):
                 strain[:, i] = known
             del known  # before the next ones: of a long scan some ten MB
             self._take(name, own, others[:, 3 * (n - 1) * i : 3 * (n - 1) * (i + 1)])
-        self._follow(own, repeats)
-        return AxesMotion(axes=own, strain=strain, others=others, repeats=repeats)
+        if turns is not None:
+            self._follow(own, turns)
+        return AxesMotion(axes=own, strain=strain, others=others)
 
     def _motion_of_axes(self, trajectories: Sequence[Trajectory]) -> dict[str, Trajectory]:
         """What the axes have to follow, so that the sensors read these trajectories."""
@@ -308,14 +309,13 @@ class MultiAxisController(Displayed):
             for i, (name, one) in enumerate(zip(self.names, trajectories, strict=True))
         }
 
-    def _follow(self, own: Mapping[str, Trajectory], repeats: range) -> None:
+    def _follow(self, own: Mapping[str, Trajectory], turns: Turns) -> None:
         """What is learned of each period is of this motion from now on."""
-        part = slice(repeats.start, repeats.start + (self.period or 0))
-        counts = np.ones(self.period or 0, dtype=bool)
+        part, counts = turns.largest, np.ones(turns.period, dtype=bool)
         for one in own.values():
             counts = counts if one.flat is None or not one.flat[part].any() else counts & (one.flat[part] > 0)
         for name, learned in self.learned.items():
-            learned.follow(own[name].position[part].copy(), counts, repeats)
+            learned.follow(own[name].position[part].copy(), counts, turns)
 
     def _take(self, name: str, own: Mapping[str, Trajectory], taken: FloatArray) -> None:
         """What the controller of an axis takes of the others, into 3 (axes - 1) columns, one after the other."""
@@ -457,29 +457,6 @@ def _needed(name: str, settings: ControllerSettings) -> Dynamics:
         bound = "the dynamics of the axis where a period is given, as `truestroke bode` measures them"
         raise SettingError(f"axes[{name!r}].dynamics", None, bound)
     return settings.dynamics
-
-
-def _repeated(motion: Sequence[Trajectory], period: int) -> range:
-    """The ticks in which one axis repeats, from a whole number of periods after the start on.
-
-    Raises
-    ------
-    SettingError
-        None does.
-    """
-    rate, refused = motion[0].sample_rate, None
-    for one in motion:
-        try:
-            start = check_repeats(one, period / rate)
-        except SettingError as error:
-            refused = refused or error
-            continue
-        start = -(-max(start, round(BEGIN * rate)) // period) * period
-        z = one.position
-        apart = np.flatnonzero(np.abs(z[start + period :] - z[start:-period]) > LEFT * np.ptp(z))
-        return range(start, start + period + (int(apart[0]) if apart.size else max(len(z) - start - period, 0)))
-    assert refused is not None
-    raise refused
 
 
 def _checked(axes: Mapping[str, ControllerSettings]) -> dict[str, ControllerSettings]:

@@ -23,12 +23,14 @@ from truestroke.identification.fitting.rest import from_step
 from truestroke.identification.fitting.select import Tried
 from truestroke.identification.fitting.structure import Fit
 from truestroke.identification.held_out import validation
+from truestroke.identification.held_out.changed import change
 from truestroke.identification.held_out.jump import jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence
 from truestroke.identification.records.record import Record, as_record
 from truestroke.identification.records.resting import fitted, moving
 from truestroke.identification.records.series import Series, series
+from truestroke.model.sampled import central_difference
 from truestroke.signals.recording import Recording
 
 
@@ -189,8 +191,11 @@ def identify(
     fit = taken.time[final.rows], residual
     of_zero = final.drift(taken.volts.size)
     stroke = residual.size / max(findings.strokes, 1)
-    jumped = jump(residual, final.columns, final.pull, taken.volts[final.rows], stroke)
-    evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows, jumped)
+    at_rows = residual, final.columns, final.pull, taken.volts[final.rows]
+    moves = taken.displacement[final.rows] - residual, central_difference(predicted, fs)[final.rows]
+    changed = change(*at_rows, *moves)
+    jumped = None if changed else jump(*at_rows, stroke)
+    evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows, jumped, changed)
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None
     verdict = validation.verdict(evidence, test, findings, found, final.model.dynamics, *branched)

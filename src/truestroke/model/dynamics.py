@@ -496,7 +496,9 @@ def _delay(name: str, value: float, rate: float) -> float:
 
 
 def _corner(name: str, value: float) -> float:
-    return checks.sized(name, value, "Hz", 1e-3, 1e9) if value != 0 else 0.0
+    if checks.number(name, value, "Hz") < 0:
+        raise SettingError(name, value, "above 0 Hz, or 0 where it is not known", "Hz")
+    return checks.sized(name, value, "Hz", 1e-3, 1e9) if value else 0.0
 
 
 def _checked(given: Sequence[Mode], rate: float) -> tuple[Mode, ...]:

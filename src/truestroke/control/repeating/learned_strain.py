@@ -30,10 +30,14 @@ from truestroke.control.repeating import iterative
 from truestroke.control.repeating.harmonics import BoolArray, HarmonicLaw
 from truestroke.control.repeating.repetition import LONGEST, SHORTEST
 from truestroke.control.repeating.response_prior import ROUNDS, FewNumbers, beside
+from truestroke.control.repeating.turns import Turns
 from truestroke.model.dynamics import Dynamics
 
 BEGIN = 0.5  # s: until then the controller learns alone
 AVERAGED = 0.2  # s of the periods of a batch, two at least
+GROWING, FEWEST = 0.6, 4  # the same of turns that grow, whose error is another one soon: of the decay, and periods
+CAREFUL = 0.7  # of the step in turns that grow: where a resonance is given wrong, a whole one may go the wrong way
+BATCHES = 6  # of turns that grow, at least: the first ones may be wrong
 DECAY = 5.0  # time constants of the first mode before them, in which a change of r decays
 SHORTEST_DECAY, LONGEST_DECAY = 0.05, 0.2  # s; where f0 times damping is below 4 Hz some of it remains
 WORSE = 2.0  # times the error without r: then it is learned from the beginning
@@ -75,9 +79,12 @@ class StrainLaw(HarmonicLaw):
     ----------
     drift2 : ndarray
         Variance of the drift of the error from batch to batch, um^2.
+    share : float
+        Of each step that is taken.
     """
 
     worse = math.inf
+    share = 1.0
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
@@ -87,6 +94,9 @@ class StrainLaw(HarmonicLaw):
     def contradicted(self) -> bool:
         """Whether the last batch did what R and the drift do not explain."""
         return self._changed
+
+    def _steps(self, E: ComplexArray, noise2: FloatArray) -> FloatArray:
+        return np.asarray(self.share * super()._steps(E, noise2))
 
     def _told(self, Z: ComplexArray, noise2: FloatArray) -> FloatArray:
         """A change that was made of noise meets the same noise in the difference of the batches: that is no answer."""
@@ -128,12 +138,12 @@ class LearnedStrain:
         first = dynamics.modes[0]
         decay = DECAY / (2 * math.pi * first.frequency * first.damping)
         decay = min(max(decay, SHORTEST_DECAY), LONGEST_DECAY)
-        self._counting, self._decaying = (max(2, math.ceil(AVERAGED * rate / period)), math.ceil(decay * rate / period))
+        self._counting, self._decaying = 0, math.ceil(decay * rate / period)
         self.errors: list[float] = []
         self._wave, self._counts = np.empty(0), np.empty(0, dtype=bool)
         self._law: StrainLaw | None = None
         self._strain, self._without = np.zeros(self.period), math.inf
-        self._start = self._stop = 0
+        self._turns = Turns(period, 0, 0)
         self._held = False
         self._periods, self._begins = np.empty((0, period)), 0  # from one step to the next
         self._Z: ComplexArray = np.zeros(period // 2 + 1, dtype=np.complex128)
@@ -144,29 +154,47 @@ class LearnedStrain:
     def _restart(self) -> None:
         """At the first tick of a motion."""
         self._todo: deque[str] = deque()  # names of steps
-        self._changed, self._next, self._first = self._start, 0, self._start
+        self._changed, self._next, self._first = self._turns.start, 0, self._turns.start
         self._before = np.zeros(self.period)
         self._error = np.full((self._decaying + self._counting) * self.period, np.nan)
 
-    def follow(self, wave: FloatArray, counts: BoolArray, ticks: range) -> None:
-        """A motion that repeats this period, um, in these ticks; what was learned of the same one is kept.
+    def follow(self, wave: FloatArray, counts: BoolArray, turns: Turns) -> None:
+        """A motion that repeats this period in these turns; what was learned of the same one is kept.
 
         Parameters
         ----------
         wave : ndarray, shape (period,)
-            Desired displacement in the period from the first of these ticks on, um.
+            Desired displacement in the largest turn, um.
         counts : ndarray of bool, shape (period,)
             Where errors count.
-        ticks : range
-            In which it repeats.
+        turns : Turns
+            Where it repeats, and how large each turn is.
+
+        Raises
+        ------
+        SettingError
+            Turns that grow are too few to learn from; nothing has changed.
         """
-        same = self._law is not None and np.array_equal(wave, self._wave) and ticks.start == self._start
-        self._stop = ticks.stop
-        if same:
+        counting = self._periods_that_count(turns)
+        before, self._turns = self._turns, turns
+        same = self._law is not None and np.array_equal(wave, self._wave) and turns.start == before.start
+        if same and np.array_equal(turns.sizes, before.sizes):
             return
-        self._start, self._wave, self._counts = ticks.start, wave, counts
+        self._wave, self._counts, self._counting = wave, counts, counting
         self._forget()
         self._restart()
+
+    def _periods_that_count(self, turns: Turns) -> int:
+        """Those of a batch."""
+        rate = self._dynamics.sample_rate
+        if not turns.sizes.size:
+            return max(2, math.ceil(AVERAGED * rate / self.period))
+        counting = max(FEWEST, math.ceil(GROWING * self._decaying))
+        least = BATCHES * (self._decaying + counting)
+        if turns.sizes.size < least:
+            bound = f"left out: {turns.sizes.size} turns grow evenly, and with this damping {least} are learned from"
+            raise SettingError("period", self.period / rate, bound, "s")
+        return counting
 
     def _forget(self) -> None:
         """r is 0, and nothing is known of the stage but its dynamics."""
@@ -176,6 +204,7 @@ class LearnedStrain:
         band = iterative.band(dynamics, rate)
         prior = FewNumbers(dynamics, f, rate, beside(f, dynamics.modes[0].frequency, band))
         self._law = StrainLaw(sensor * np.fft.rfft(self._wave), G, prior, f <= band, samples=self.period)
+        self._law.share = CAREFUL if self._turns.sizes.size else 1.0
         self._strain, self._without = np.zeros(self.period), math.inf
 
     def _return(self) -> None:
@@ -197,13 +226,14 @@ class LearnedStrain:
         if tick == 0:
             self._restart()
         self._next = tick + 1
-        place = (tick - self._start) % self.period
+        place = (tick - self._turns.start) % self.period
         share = min(max((tick - self._changed) / self.period, 0.0), 1.0)
-        left = min(max((tick - self._stop) / self.period, 0.0), 1.0)
-        if share >= 1.0:
-            return self._strain.item(place) * (1 - left)
-        before = self._before.item(place)
-        return (before + share * (self._strain.item(place) - before)) * (1 - left)
+        left = min(max((tick - self._turns.stop) / self.period, 0.0), 1.0)
+        strain = self._strain.item(place)
+        if share < 1.0:
+            before = self._before.item(place)
+            strain = before + share * (strain - before)
+        return strain * (1 - left) * self._turns.at(tick)
 
     def of(self, ticks: range) -> FloatArray:
         """The same of some ticks, which none of `stops` divides."""
@@ -211,18 +241,18 @@ class LearnedStrain:
             self._restart()
         self._next = ticks.stop
         k = np.arange(ticks.start, ticks.stop)
-        place = (k - self._start) % self.period
+        place = (k - self._turns.start) % self.period
         share = np.clip((k - self._changed) / self.period, 0.0, 1.0)
         strain = self._before[place] + share * (self._strain - self._before)[place]
         strain = np.where(share < 1.0, strain, self._strain[place])
-        left = np.clip((k - self._stop) / self.period, 0.0, 1.0)
-        return np.asarray(strain * (1 - left))
+        left = np.clip((k - self._turns.stop) / self.period, 0.0, 1.0)
+        return np.asarray(strain * (1 - left) * self._turns.size(k))
 
     @property
     def stops(self) -> tuple[int, ...]:
         """The tick after which the next batch is complete."""
         end = self._first + self._error.size
-        return (end,) if self._law is not None and end <= self._stop else ()
+        return (end,) if self._law is not None and end <= self._turns.stop else ()
 
     # ---- Learning ----------------------------------------------------------------------------------------------------
 
@@ -240,8 +270,8 @@ class LearnedStrain:
 
         The next step of the learning, if one waits, is done here, when the voltage of this tick has left.
         """
-        place = tick - self._first
-        if 0 <= place < self._error.size - 1 and tick < self._stop:
+        place, error = tick - self._first, error / self._turns.at(tick)
+        if 0 <= place < self._error.size - 1 and tick < self._turns.stop:
             self._error[place] = math.nan if self._held else error
         else:
             self._take(tick, np.array([error]))
@@ -253,12 +283,12 @@ class LearnedStrain:
 
         All steps of the learning are done, as if each had had its tick.
         """
-        self._take(tick, errors)
+        self._take(tick, errors / self._turns.size(np.arange(tick, tick + errors.size)))
         while self._todo:
             getattr(self, self._todo.popleft())()
 
     def _take(self, tick: int, errors: FloatArray) -> None:
-        errors = errors[: max(self._stop - tick, 0)]
+        errors = errors[: max(self._turns.stop - tick, 0)]
         if self._law is None or not errors.size:
             return
         size = self._error.size
@@ -356,5 +386,5 @@ class LearnedStrain:
         vars(self).update(own)
 
 
-KINDS = (FewNumbers, StrainLaw)
+KINDS = (FewNumbers, StrainLaw, Turns)
 """What a state may hold."""

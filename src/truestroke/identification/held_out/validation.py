@@ -17,6 +17,7 @@ from truestroke.identification.examination.findings import PACE, VISITED, Findin
 from truestroke.identification.fitting.regression import plays
 from truestroke.identification.fitting.response import Response
 from truestroke.identification.held_out.black_box import predictable
+from truestroke.identification.held_out.changed import Change
 from truestroke.identification.held_out.jump import Jump
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.records import turning
@@ -103,6 +104,9 @@ class Evidence:
     left_s, until_left : float
         From when on the voltage of the held-out part is outside of that of the fitted rows, s, and the rms error until
         then over that of the whole part; 0 and 1 where it never is, or so from the beginning.
+    gain_changed, later_s, changed_s : float
+        By which share the gain is larger from some time on, or by how much the displacement is later, s, and that
+        time, s, by the residual of the fit; 0 where neither is.
     """
 
     over_noise: float
@@ -129,6 +133,9 @@ class Evidence:
     strokes_beyond: float
     left_s: float = 0.0
     until_left: float = 1.0
+    gain_changed: float = 0.0
+    later_s: float = 0.0
+    changed_s: float = 0.0
 
 
 # ---- Evidence --------------------------------------------------------------------------------------------------------
@@ -142,11 +149,12 @@ def evidence(
     drift: FloatArray | float = 0.0,
     rows: npt.NDArray[np.intp] | None = None,
     jumped: Jump | None = None,
+    changed: Change | None = None,
 ) -> Evidence:
     """What is in the error of a trace, and in the residual of the fit to the whole record: its times, s, and it, um.
 
-    `drift` is that of the zero by this fit, um, `jumped` a jump of its residual; `rows` are those to which the model of
-    the trace was fitted, by default all of its first part.
+    `drift` is that of the zero by this fit, um, `jumped` a jump of its residual, `changed` a change of gain or delay
+    that it shows; `rows` are those to which the model of the trace was fitted, by default all of its first part.
     """
     times, residual = fit
     fitted, tested = trace.known & ~trace.held_out, trace.judged
@@ -175,7 +183,11 @@ def evidence(
         strokes_tested=_over(_long(trace.volts[tested]), _long(trace.volts[trace.known])),
         **_beyond(trace, fitted, tested),
         **_left(trace, np.flatnonzero(fitted) if rows is None else rows, tested),
+        **({} if changed is None else {_CHANGED[changed.of]: changed.size, "changed_s": float(times[changed.row])}),
     )
+
+
+_CHANGED = {"gain": "gain_changed", "delay": "later_s"}
 
 
 def _left(trace: Trace, rows: npt.NDArray[np.intp], tested: Any) -> dict[str, float]:
@@ -296,6 +308,7 @@ def verdict(
         *(("doubtful", _ended(f"{text[0].upper()}{text[1:]}")) for text in findings.implausible),
         *_of_error(found, held_out, findings),
         *_of_zero(found, held_out),
+        *(_of_change(found, findings) if _is_noise(found, held_out) and held_out.rmse_percent > NEGLIGIBLE else ()),
         *(() if response is None else _of_dead_time(response, findings)),
         *(() if dynamics is None else _of_modes(dynamics, findings)),
         *_of_residual(found, held_out, findings),
@@ -379,6 +392,26 @@ def _of_zero(found: Evidence, held_out: HeldOut) -> Iterator[tuple[Level, str]]:
     if held_out.zero_um:
         moved = f"{abs(held_out.zero_um):.3g} um {'above' if held_out.zero_um > 0 else 'below'} that before"
         yield "doubtful", f"Behind a long gap the zero is {moved}; the errors are without it. Measure it on each day."
+
+
+def _of_change(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:
+    """A gain or a delay that is another one from some row on, where the error is noise and not that of the model."""
+    since = f"From about {found.changed_s:.4g} s on the displacement"
+    if found.gain_changed:
+        size = f"{100 * abs(found.gain_changed):.2g} % {'further' if found.gain_changed > 0 else 'less far'}"
+        yield (
+            "doubtful",
+            f"{since} moves {size} for the same voltage than before: did the gain or the range of sensor or amplifier "
+            "change, or the load? Identify the rows before and after by themselves.",
+        )
+    if found.later_s:
+        late = abs(found.later_s)
+        rows = f"{max(round(late * findings.sample_rate_hz), 1)} rows, {_seconds(late)},"
+        yield (
+            "doubtful",
+            f"{since} is {'later' if found.later_s > 0 else 'earlier'} by about {rows} than before: did one channel "
+            "lose rows? Use the rows before or after.",
+        )
 
 
 def _of_dead_time(response: Response, findings: Findings) -> Iterator[tuple[Level, str]]:

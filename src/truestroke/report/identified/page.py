@@ -9,6 +9,7 @@ import numpy as np
 from truestroke.base.display import figures
 from truestroke.identification import ActuatorModel, Findings, Identified, Record, examine
 from truestroke.identification.fitting.select import Tried
+from truestroke.identification.held_out.validation import Evidence
 from truestroke.report import words
 from truestroke.report.identified import plots
 from truestroke.report.identified.view import View
@@ -259,11 +260,21 @@ def _evidence(identified: Identified) -> Table:
             "jump of the residual of the fit",
             f"{length(abs(found.jump_um))} at {found.jump_s:.4g} s" if found.jump_um else "none",
         ),
+        ("change of gain or delay in that residual", _changed(found)),
         ("length of held-out strokes, of that in the record", f"{100 * found.strokes_tested:.0f} %"),
         ("held-out motion beyond the fitted one", beyond),
         ("the record tests the model from", tested_range(identified.model)),
     ]
     return Table(rows=rows, kind="words")
+
+
+def _changed(found: Evidence) -> str:
+    if found.gain_changed:
+        return f"gain {100 * found.gain_changed:+.2g} % from {found.changed_s:.4g} s on"
+    if found.later_s:
+        way = "later" if found.later_s > 0 else "earlier"
+        return f"{length_of_time(abs(found.later_s))} {way} from {found.changed_s:.4g} s on"
+    return "none"
 
 
 def _number(um: float, percents: float) -> Number:

@@ -412,7 +412,8 @@ class _Spiral:
 
 def _spiral(stage: MultiAxisSettings, seed: int, going: Callable[..., None]) -> _Spiral:
     scan, known = spiral_of(stage), _frequencies(_modes(stage))
-    off = _off(scan, lines.together(scan, MultiAxisStage(stage, seed), controllers_of(stage), going))
+    controllers = controllers_of(stage, lines.period_of(scan))
+    off = _off(scan, lines.together(scan, MultiAxisStage(stage, seed), controllers, going))
     found = percent_off(scan, off)
     words = rates.advice(scan, known) if found > ROUND else ""
     why = words and rates.is_why(found, percent_off(scan, off - rates.at_resonances(scan, off, known)), ROUND)

@@ -25,7 +25,7 @@ PART = 2**16  # ticks that are simulated at a time
 
 
 def period_of(scan: Scan) -> float:
-    """Period of the fast axis, s; SettingError where it does not repeat after 16 to 8192 whole ticks.
+    """Period of the fast axis, or of a turn, s; SettingError where it is not one of 16 to 8192 whole ticks.
 
     Examples
     --------
@@ -33,9 +33,11 @@ def period_of(scan: Scan) -> float:
     >>> period_of(scans.raster(lines=4, rate=40.0, sample_rate=5000.0))
     0.025
     """
-    period = scan.settings.get("period")
-    if not isinstance(period, float):
-        raise SettingError("scan", f"a {scan.name}", "a motion that is periodic: a spiral does not repeat")
+    name = "rotation" if scan.settings.get("velocity") == "angular" else "rate"
+    rate = scan.settings.get(name)
+    if not isinstance(rate, float):
+        raise SettingError("scan", f"a {scan.name}", "one of lines or turns of equal time: this spiral has none")
+    period = 1 / rate
     try:
         whole_ticks("period", period, scan.sample_rate)
     except SettingError:
@@ -43,7 +45,7 @@ def period_of(scan: Scan) -> float:
         near = scan.sample_rate / min(max(round(ticks), SHORTEST), LONGEST)
         whole = f"whole number of ticks from {SHORTEST} to {LONGEST}"
         bound = f"one whose period is a {whole}, not {ticks:.10g}: such as {near:.10g} Hz"
-        raise SettingError("rate", scan.settings["rate"], bound, "Hz") from None
+        raise SettingError(name, rate, bound, "Hz") from None
     return period
 
 
