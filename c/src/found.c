@@ -14,7 +14,7 @@
 #define MOVED ((ts_real)0.015)    /* of the resonance of the model: one that is shown and differs by so much replaces it */
 #define FURTHER ((ts_real)0.15)   /* unless by so much */
 #define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
-#define MAY_BE_SECOND ((ts_real)1.5) /* times the resonance of the settings: what is shown above may be the second mode */
+#define MAY_BE_SECOND ((ts_real)1.5) /* times the first resonance so far: what is shown above may be the second mode */
 #define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
 #define DRIVEN_ALONE ((ts_real)0.95) /* that of a resonance which takes the place of the given one: not a load that the command answers */
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
@@ -332,13 +332,14 @@ static ts_real burst_of(const ts_controller *c)
     return error * error;
 }
 
-/* Whether what is shown is so far above the resonance of the settings that it may be the second mode, and explains no burst. */
+/* Whether what is shown is so far above the resonance of the stage that was found, or of the settings, that it may be the second mode, and
+ * explains no burst. */
 static bool may_be_second(const ts_controller *c)
 {
     const ts_settings *s = c->settings;
     const ts_resonance *r = &c->resonance;
-    bool shown = c->found.known && !is_assumed(c);
-    if (shown || s->dynamics.known || !(s->resonance > 0) || !(r->known > MAY_BE_SECOND * s->resonance)) return false;
+    ts_real first = c->found.known ? c->stage.resonance : s->resonance;
+    if (s->dynamics.known || !(first > 0) || !(r->known > MAY_BE_SECOND * first)) return false;
     return !(r->power > burst_of(c) && r->driven > DRIVEN);
 }
 

@@ -29,7 +29,7 @@ FURTHER = 0.15  # unless by so much
 DOUBT = 0.01  # of the motion's range: an error that the dynamics of the settings should not leave
 LASTS = 8  # windows with such an error, which does not fall: then they are doubted
 ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
-MAY_BE_SECOND = 1.5  # times the resonance of the settings: what is shown above may be the second mode
+MAY_BE_SECOND = 1.5  # times the first resonance so far: what is shown above may be the second mode
 DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
 DRIVEN_ALONE = 0.95  # that of a resonance which takes the place of the given one: not a load that the command answers
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
@@ -303,13 +303,13 @@ def is_assumed(c: State) -> bool:
 
 
 def may_be_second(c: State) -> bool:
-    """Whether what is shown is so far above the resonance of the settings that it may be the second mode.
+    """Whether what is shown is so far above the first resonance that it may be the second mode.
 
-    It explains no burst then.
+    The first one is that of the stage that was found, or of the settings. It explains no burst then.
     """
-    known, given = c.estimator, c.members["resonance"]
-    shown = c.stage.found and not is_assumed(c)
-    if shown or c.members["dynamics.known"] or not given > 0 or not known.known > MAY_BE_SECOND * given:
+    known = c.estimator
+    first = c.stage.resonance if c.stage.found else c.members["resonance"]
+    if c.members["dynamics.known"] or not first > 0 or not known.known > MAY_BE_SECOND * first:
         return False
     return not (known.power > burst_of(c) and known.driven > DRIVEN)
 
