@@ -699,8 +699,54 @@ def test_few_turns_are_refused_with_the_number_of_them():
     """Their first batches, which may be wrong, would be all."""
     known = settings(SLOW, dynamics=SLOW.dynamics())
     motion, _ = spiral(turns=64)
-    with pytest.raises(SettingError, match=r"period = 0.01 s: must be left out: 59 turns grow .* damping 72 are"):
+    with pytest.raises(
+        SettingError,
+        match=r"period = 0.01 s: must be left out, or the motion 13 turns longer: 59 turns grow .* damping 72 are",
+    ):
         MultiAxisController({"x": known, "y": known}, period=0.01).prepare(motion)
+
+
+@pytest.mark.parametrize(
+    ("scan", "ticks", "words"),
+    [
+        (lambda: scans.spiral(turns=256, rotation=100.5, sample_rate=RATE), 100, "its own is 99.5025 ticks, .* 100 Hz"),
+        (lambda: scans.spiral(turns=256, rotation=90.0, sample_rate=RATE), 111, r"111.111 ticks.* 90.0900\d* Hz"),
+        (lambda: scans.spiral(turns=256, rotation=100.0, sample_rate=RATE), 99, "here a spiral: 0.01 s"),
+        (lambda: scans.spiral(turns=256, rotation=100.0, sample_rate=RATE), 50, "here a spiral: 0.01 s"),
+        (lambda: scans.spiral(turns=256, rotation=100.0, velocity="linear", sample_rate=RATE), 100, "leave it out"),
+        (lambda: scans.raster(lines=96, rate=40.1, sample_rate=RATE), 250, "249.377 ticks, .* 0.0249 s"),
+        (lambda: scans.raster(lines=96, rate=40.0, sample_rate=RATE), 251, "here a raster: 0.025 s"),
+        (lambda: scans.cycloid(rate=40.0, pitch=0.2, sample_rate=RATE), 249, "here a cycloid: 0.025 s"),
+    ],
+)
+def test_a_period_that_is_a_little_wrong_is_refused_with_the_right_one(scan, ticks, words):
+    """What is learned would come ever earlier or later: a raster of 40.1 Hz was worse with 0.025 s than without."""
+    with pytest.raises(SettingError, match=words):
+        turns_of(scan().axes, ticks, 5_000)
+
+
+def test_a_motion_that_ends_before_anything_is_learned_is_refused():
+    short = sine(frequency=20.0, peak_to_peak=9.0, offset=9.0, duration=0.53, ramp=0.05, sample_rate=RATE)
+    known = settings(SLOW, dynamics=SLOW.dynamics())
+    with pytest.raises(SettingError, match=r"0.55 s long or longer: nothing is learned in its first 0.5 s, and it has"):
+        MultiAxisController({"x": known, "y": known}, period=0.05).prepare({"x": short, "y": short})
+
+
+def test_turns_that_one_axis_refuses_change_no_axis():
+    """The stage of x is damped well, that of y is not."""
+    damped, slow = (settings(SLOW, dynamics=Dynamics(sample_rate=RATE, modes=(m,))) for m in DAMPED_AND_NOT)
+    controller = MultiAxisController({"x": damped, "y": slow}, period=0.01)
+    motion, _ = spiral(turns=40)
+    before = controller.state()
+    with pytest.raises(SettingError, match="turns longer: 35 turns grow evenly"):
+        controller.prepare(motion)
+    after = controller.state()
+    assert before.keys() == after.keys()
+    for name, entry in before.items():
+        np.testing.assert_array_equal(after[name], entry)
+
+
+DAMPED_AND_NOT = Mode(frequency=700.0, damping=0.2), Mode(frequency=700.0, damping=0.01)
 
 
 def test_each_tick_of_turns_that_grow_has_the_bits_of_blocks():

@@ -11,8 +11,9 @@ import pytest
 from late import Late
 
 from truestroke import SettingError
-from truestroke.dropins import flights
+from truestroke.dropins import flights, motions
 from truestroke.dropins.axes import Axes
+from truestroke.model.dynamics import Dynamics, Mode
 
 bluesky, bps, bp = Late("bluesky"), Late("bluesky.plan_stubs"), Late("bluesky.plans")
 bpp, utils = Late("bluesky.preprocessors"), Late("bluesky.utils")
@@ -249,3 +250,10 @@ def test_stop_at_rest_or_before_connect_does_nothing(axis: Any) -> None:
     asyncio.run(ophyd.PiezoAxis("none.toml", "x").stop())
     asyncio.run(axis.stop())
     assert axis.axes.at("x") == 0.0
+
+
+@pytest.mark.parametrize("stage", [None, Dynamics(sample_rate=1000.0, modes=(Mode(frequency=100.0, damping=0.02),))])
+def test_a_move_that_would_take_weeks_names_the_speed(stage) -> None:
+    """mm/s where um/s are due, or a typing error: the memory ended."""
+    with pytest.raises(SettingError, match=r"speed = 1e-06 um/s: must be faster: 10 um take 1e\+07 s"):
+        motions.move(0.0, 10.0, 1000.0, speed=1e-6, stage=stage)

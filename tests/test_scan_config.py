@@ -416,6 +416,19 @@ def test_a_late_stage_is_judged_by_sensors_and_by_the_image(raster) -> None:
     )
 
 
+def test_the_page_says_what_each_axis_learned(raster) -> None:
+    x, y = (axis.position for axis in raster.axes)
+    found = scans.recorded(raster, x, y, scans.Texture(seed=2)(x, y), columns=96, unit="nm")
+    learned = {"x": [0.032, 0.0106], "y": []}
+    known = {name: {"period_s": 0.025, "rmse_um": errors} for name, errors in learned.items()}
+    recordings = {name: truestroke.Recording({}, {"axis": {"name": name}, "repetition": known}) for name in "xy"}
+    rows = dict(scan_rows(found, recordings))
+    assert rows["x repeats"].endswith("period of 25 ms: 32 nm rms in the first batch, 10.6 nm in the last of 2")
+    assert rows["y repeats"] == "nothing learned of the period of 25 ms: no batch of it was complete"
+    page = scan_page.page(found, found.verdict, recordings=recordings)
+    assert ["x repeats", rows["x repeats"]] in page.sections[0].tables[0].rows
+
+
 @pytest.mark.parametrize(("height", "stacked", "shown"), [(10.0, False, 1.0), (3.0, True, 0.3), (0.2, True, 0.1)])
 def test_a_flat_image_fills_its_picture_and_axes_have_their_names(height, stacked, shown) -> None:
     """Trace above retrace; a strip of 10 x 0.2 um is five times as high as it is long."""

@@ -168,7 +168,7 @@ def _on_hardware(
     with common.progress("plotting"):
         from truestroke.report import scan as report
 
-        pictures = common.save_page(report.page(found, verdict, common.to_repeat()), page_file, plots)
+        pictures = common.save_page(report.page(found, verdict, common.to_repeat(), done.recordings), page_file, plots)
     if as_json:
         names = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
         run = realtime.as_dict(done, code)
@@ -176,7 +176,7 @@ def _on_hardware(
         return code
     realtime.print_run(done)
     click.echo()
-    for words, value in report.rows(found):
+    for words, value in report.rows(found, done.recordings):
         click.echo(f"{words:40} {value.replace('µ', 'u')}")
     common.print_verdict(verdict)
     _print_files(page_file, written, plots)

@@ -314,6 +314,8 @@ class MultiAxisController(Displayed):
         part, counts = turns.largest, np.ones(turns.period, dtype=bool)
         for one in own.values():
             counts = counts if one.flat is None or not one.flat[part].any() else counts & (one.flat[part] > 0)
+        for learned in self.learned.values():
+            learned.periods_that_count(turns)  # refused before any axis has changed
         for name, learned in self.learned.items():
             learned.follow(own[name].position[part].copy(), counts, turns)
 

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
-from truestroke.base import checks
+from truestroke.base import checks, system
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 from truestroke.model.dynamics import Dynamics
 from truestroke.signals import shaping
-from truestroke.signals.trajectories import Trajectory
+from truestroke.signals.trajectories import BYTES, MOST_TICKS, Trajectory
 
 SHORTEST = 8  # ticks of a move or a run-up: in fewer its shape is lost
 REST = 0.5  # periods of the first mode, or so many `SLOWEST` without one: rest on both sides of a motion
@@ -33,6 +34,11 @@ def move(start: float, end: float, sample_rate: float, *, speed: float, stage: D
         Its modes do not swing after the move (`shaping.settling_move`); without them the move is of minimum jerk and
         takes 20 ms, or as long as `speed` demands.
 
+    Raises
+    ------
+    SettingError
+        An argument is none, or the move takes more ticks than the memory holds.
+
     Examples
     --------
     >>> made = move(2.0, 12.0, 2000.0, speed=500.0)
@@ -42,6 +48,10 @@ def move(start: float, end: float, sample_rate: float, *, speed: float, stage: D
     rate = checks.positive("sample_rate", sample_rate, "Hz")
     height = checks.number("end", end, "um") - checks.number("start", start, "um")
     limit = checks.positive("speed", speed, "um/s") / max(abs(height), 1e-9)
+    ticks = 2 * rate / limit  # about: its peak is not its mean
+    if ticks > MOST_TICKS or system.lacking(ticks * BYTES):
+        bound = f"faster: {abs(height):.4g} um take {1 / limit:.3g} s, too many ticks of {rate:g} Hz for the memory"
+        raise SettingError("speed", speed, bound, "um/s")
     if stage is not None:
         shape = shaping.settling_move(stage, velocity=limit)
     else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -11,6 +13,7 @@ from truestroke.report import images, spectra, style, units, words
 from truestroke.report.charts import Chart, Line, Panel
 from truestroke.report.page import Page, Section, Table, captioned, closer
 from truestroke.report.style import LIGHT, Theme
+from truestroke.signals.recording import Recording
 from truestroke.signals.scans.recorded import Recorded
 
 CAPTIONS = {
@@ -34,8 +37,8 @@ SCANS = {"lissajous": "Lissajous curve"}  # where it is no word
 POINTS = 4000  # of a plot over time
 
 
-def rows(found: Recorded) -> list[list[str]]:
-    """What was found, in words."""
+def rows(found: Recorded, recordings: Mapping[str, Recording] | None = None) -> list[list[str]]:
+    """What was found, in words, with what each axis learned where there are their recordings."""
     shown = next(iter(found.images.values()))
     x, y = (units.length(one) if one else "within the noise" for one in found.rms_um())
     lines = {"raster": "rows", "spiral": "turns"}.get(found.scan.name, "lines")
@@ -45,14 +48,20 @@ def rows(found: Recorded) -> list[list[str]]:
     made.append([f"rms error of {', '.join(found.axes)}", f"{x}, {y}"])
     if found.distortion is not None:
         apart = found.distortion.trace_retrace
-        words = f"{apart:.2f} pixels" + (", within the noise" if apart <= found.noise_apart else "")
-        made.append(["trace and retrace apart, by the sensors", words])
+        shown_apart = f"{apart:.2f} pixels" + (", within the noise" if apart <= found.noise_apart else "")
+        made.append(["trace and retrace apart, by the sensors", shown_apart])
     if found.shift is not None:
         made.append(["trace and retrace apart, in the images", f"{np.hypot(*found.shift):.2f} pixels"])
-    return made
+    learned = {name: words.repeated(recordings[name]) for name in found.axes} if recordings else {}
+    return made + [[f"{name} {head}", text] for name, row in learned.items() for head, text in row]
 
 
-def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
+def page(
+    found: Recorded,
+    verdict: Verdict,
+    command: str | None = None,
+    recordings: Mapping[str, Recording] | None = None,
+) -> Page:
     """The page; `verdict` is that of the image and of the axes, `command` what repeats the scan."""
     shown = next(iter(found.images.values()))
     width, height = shown.size
@@ -64,7 +73,7 @@ def page(found: Recorded, verdict: Verdict, command: str | None = None) -> Page:
         verdict=verdict,
         remark=WORDS[verdict.level],
         sections=[
-            Section(tables=[Table(rows=rows(found), kind="words")]),
+            Section(tables=[Table(rows=rows(found, recordings), kind="words")]),
             *captioned(_captions(found)),
             closer(chart(found)),
         ],

@@ -187,11 +187,13 @@ def _recovered(summary: TrackingSummary, change: float) -> str:
 
 
 def repeated(recording: Recording) -> list[tuple[str, str]]:
-    """The row of what was learned of a motion that repeats; none where nothing was."""
+    """The row of what was learned of a motion that repeats; none where nothing was to be learned."""
     period, errors = judgement.repetition(recording)
-    if not errors:
+    if not period:
         return []
     of_period = f"of the period of {1e3 * period:.4g} ms"
+    if not errors:
+        return [("repeats", f"nothing learned {of_period}: no batch of it was complete")]
     first, last = (units.length(um) for um in (errors[0], errors[-1]))
     if len(errors) == 1:
         return [("repeats", f"mean error {of_period}: {first} rms in one batch, nothing learned yet")]

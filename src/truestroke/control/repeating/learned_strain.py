@@ -129,7 +129,7 @@ class LearnedStrain:
     Attributes
     ----------
     errors : list of float
-        Rms of the mean error of each batch, where errors count, um.
+        Rms of the mean error of each batch, where errors count, um; of turns that grow as if each were the largest.
     """
 
     def __init__(self, dynamics: Dynamics, period: int, others: int = 0) -> None:
@@ -175,7 +175,7 @@ class LearnedStrain:
         SettingError
             Turns that grow are too few to learn from; nothing has changed.
         """
-        counting = self._periods_that_count(turns)
+        counting = self.periods_that_count(turns)
         before, self._turns = self._turns, turns
         same = self._law is not None and np.array_equal(wave, self._wave) and turns.start == before.start
         if same and np.array_equal(turns.sizes, before.sizes):
@@ -184,15 +184,17 @@ class LearnedStrain:
         self._forget()
         self._restart()
 
-    def _periods_that_count(self, turns: Turns) -> int:
-        """Those of a batch."""
+    def periods_that_count(self, turns: Turns) -> int:
+        """Those of a batch; SettingError where turns that grow are too few to learn from."""
         rate = self._dynamics.sample_rate
         if not turns.sizes.size:
             return max(2, math.ceil(AVERAGED * rate / self.period))
         counting = max(FEWEST, math.ceil(GROWING * self._decaying))
         least = BATCHES * (self._decaying + counting)
         if turns.sizes.size < least:
-            bound = f"left out: {turns.sizes.size} turns grow evenly, and with this damping {least} are learned from"
+            more = least - turns.sizes.size
+            bound = f"left out, or the motion {more} turns longer: {turns.sizes.size} turns grow evenly, and with this "
+            bound += f"damping {least} are learned from"
             raise SettingError("period", self.period / rate, bound, "s")
         return counting
 

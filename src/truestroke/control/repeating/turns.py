@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -10,11 +11,13 @@ import numpy.typing as npt
 
 from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
-from truestroke.control.repeating.repetition import LASTS, LEFT, check_repeats
+from truestroke.control.repeating.repetition import EARLIER, LASTS, LEFT, check_repeats
 from truestroke.signals.trajectories import Trajectory
 
 GROWS = 0.1  # of its peak-to-peak: by no more a turn differs from the next one
 SMALL = 0.2  # of the largest turn: smaller ones count as this one, for their errors are those of the noise
+SHIFT, PER_TURN = 0.01, 2e-4  # of a period, by which turns are earlier or later: more is another period
+WHOLE = 1e-3  # ticks: a period that is as near to whole ones is
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,8 @@ def turns_of(motion: Sequence[Trajectory], period: int, begin: int) -> Turns:
     Raises
     ------
     SettingError
-        No axis repeats the period, nor does one go through it in turns that are alike but for their size.
+        No axis repeats the period, nor does one go through it in turns that are alike but for their size; or its turns
+        come ever earlier or later in it, for they take a little less or more.
 
     Examples
     --------
@@ -88,12 +92,51 @@ def turns_of(motion: Sequence[Trajectory], period: int, begin: int) -> Turns:
         except SettingError as error:
             refused = refused or error
             continue
-        return _alike(one.position, period, max(start, begin))
+        return _in_step(one, _alike(one.position, period, max(start, begin)))
+    assert refused is not None
+    first = motion[0]
+    if first.settings.get("velocity") == "linear":
+        raise refused  # its turns in the middle alone are of equal time
     for one in motion:
         if (growing := _growing(one.position, period, begin)) is not None:
-            return growing
-    assert refused is not None
+            return _in_step(one, growing)
+    if "rotation" in first.settings and abs(_own(first, period) - period) > WHOLE:
+        raise _another(first, period, _own(first, period))
     raise refused
+
+
+def _in_step(one: Trajectory, turns: Turns) -> Turns:
+    """The same; SettingError where they come ever earlier or later in the period, by their strongest harmonic."""
+    period, rate = turns.period, one.sample_rate
+    if turns.stop > len(one):
+        begin, least = turns.start / rate, turns.stop / rate
+        bound = f"left out, or the motion {least:g} s long or longer: nothing is learned in its first {begin:g} s"
+        raise SettingError("period", period / rate, f"{bound}, and it has {len(one) / rate:g} s", "s")
+    part = one.position[turns.start : turns.stop]
+    spectra = np.fft.rfft(part[: part.size // period * period].reshape(-1, period), axis=1)[:, 1:]
+    k = int(np.sum(np.abs(spectra) ** 2, axis=0).argmax())
+    late = np.unwrap(np.angle(spectra[:, k])) / (-2 * math.pi * (k + 1))  # periods
+    if np.ptp(late) > SHIFT + PER_TURN * late.size:
+        raise _another(one, period, _own(one, period * (1 + np.median(np.diff(late)).item())))
+    return turns
+
+
+def _own(one: Trajectory, about: float) -> float:
+    """Ticks of the period that a motion states, where it is near this one or a spiral's; else this one."""
+    if isinstance(rotation := one.settings.get("rotation"), float):
+        return one.sample_rate / rotation
+    rates = (one.settings.get(key) for key in ("frequency", "rate"))
+    stated = (one.sample_rate / rate for rate in rates if isinstance(rate, float) and rate > 0)
+    return next((ticks for ticks in stated if abs(ticks / about - 1) < EARLIER), about)
+
+
+def _another(one: Trajectory, period: int, own: float) -> SettingError:
+    """Of a motion that has another period, ticks."""
+    rate, whole = one.sample_rate, round(own)
+    remedy = f"{own / rate:.6g} s"
+    if abs(own - whole) > WHOLE:
+        remedy = f"its own is {own:.6g} ticks, no whole number; at {rate / whole:.10g} Hz it has {whole / rate:.6g} s"
+    return SettingError("period", period / rate, f"a period of the motion, here a {one.name}: {remedy}", "s")
 
 
 def _alike(z: FloatArray, period: int, begin: int) -> Turns:
