@@ -130,4 +130,6 @@ def test_limits_hold_and_are_those_of_record_and_output(model: ActuatorModel) ->
         SettingError, match=r"voltage_limits = \(5.0, 6.0\) V: must be limits that have voltages of the"
     ):
         Memory(model, (5.0, 6.0))
+    with pytest.raises(SettingError, match=r"^seconds = '1 s' s: must be a number"):
+        axis.hold("1 s")  # type: ignore[arg-type]
     assert axis.voltages([], sample_rate=500.0).size == 0

@@ -775,3 +775,16 @@ def test_an_error_of_fast_lines_is_not_taken_for_noise():
     assert found.rms_um()[1] < 0.004
     x[::2] = np.nan
     assert scans.recorded(scan, x + off, y, np.sin(y), columns=7).rms_um()[0] > 0.5
+
+
+@pytest.mark.parametrize("sample", [scans.Texture(), scans.Grating()], ids=["texture", "grating"])
+@pytest.mark.parametrize(("x", "y"), [(np.zeros(2), np.zeros(3)), ("here", 1.0)])
+def test_places_of_a_sample_that_do_not_fit_are_named(sample, x, y):
+    with pytest.raises(SettingError, match=r"^x and y = (array of shape \(2,\) and .*\(3,\)|'here' and 1.0)"):
+        sample(x, y)
+
+
+def test_a_sample_takes_lists_and_one_place_beside_many():
+    texture, grating = scans.Texture(), scans.Grating()
+    for sample in (texture, grating):
+        np.testing.assert_array_equal(sample([0.2, 3.1], 1.0), sample(np.array([0.2, 3.1]), np.array([1.0, 1.0])))

@@ -119,6 +119,7 @@ class Memory:
 
     def hold(self, seconds: float) -> None:
         """So long, s, nothing has changed at the output: the axis creeps."""
+        seconds = checks.number("seconds", seconds, "s")
         if self._c.size and seconds > 0:
             self._c = self._c - np.expm1(-seconds / np.array(self.model.creep_times)) * (self.volts - self._c)
             self.position = self._where(self.volts)

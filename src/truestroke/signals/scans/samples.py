@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import numpy.typing as npt
 
 from truestroke.base import checks
+from truestroke.base.checks import SettingError
 from truestroke.base.typing import FloatArray
 
 TILE = 1024  # points of a texture in each direction; it repeats beyond them
@@ -39,9 +41,10 @@ class Grating:
         self.depth = checks.positive("depth", depth, "nm")
         self.edge = checks.within("edge", edge, 1e-6, self.pitch / 4, "um")
 
-    def __call__(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def __call__(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
         """Height, nm, at places, um: 0 in a pit, `depth` between them."""
-        inside = self._within(x) * self._within(y)
+        one, other = _places(x, y)
+        inside = self._within(one) * self._within(other)
         return np.asarray(self.depth * (1 - inside))
 
     def _within(self, x: FloatArray) -> FloatArray:
@@ -96,9 +99,19 @@ class Texture:
         made = ndimage.spline_filter(self.height * field / np.std(field), order=3, mode="grid-wrap")
         return np.asarray(made)
 
-    def __call__(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def __call__(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
         """Height, nm, at places, um."""
         from scipy import ndimage
 
-        places = np.stack([np.asarray(y), np.asarray(x)]) * (TILE / self.tile)
+        places = np.stack(_places(x, y)[::-1]) * (TILE / self.tile)
         return np.asarray(ndimage.map_coordinates(self._table, places, order=3, mode="grid-wrap", prefilter=False))
+
+
+def _places(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Both as arrays of one shape; SettingError where they have none."""
+    try:
+        first, second = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    except (TypeError, ValueError):
+        found = " and ".join(checks.described(one) for one in (x, y))
+        raise SettingError("x and y", found, "as many numbers of x as of y", "um") from None
+    return first, second
