@@ -35,7 +35,7 @@ def change(
     Parameters
     ----------
     residual, columns, pull, volts
-        As `jump` has them.
+        As `blocks` has them.
     moved, rate : ndarray, shape (rows,)
         Displacement that the model predicts, um, and its rate, um/s.
     """

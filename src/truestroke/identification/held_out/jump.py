@@ -26,7 +26,7 @@ class Jump(NamedTuple):
 
 @one_thread
 def jump(residual: FloatArray, columns: FloatArray, pull: FloatArray, volts: FloatArray, stroke: float) -> Jump | None:
-    """The larger of one or two jumps of a residual, um, if there are any; a stroke takes so many rows.
+    """The larger of one or two jumps of a residual, um, if there are any.
 
     A fit takes most of a jump, as creep or drift. So each step is taken beside the fit: what it explains is measured
     in what the coefficients cannot make up for. The error of a model comes and goes in many places, and many steps
@@ -34,14 +34,10 @@ def jump(residual: FloatArray, columns: FloatArray, pull: FloatArray, volts: Flo
 
     Parameters
     ----------
-    residual : ndarray, shape (rows,)
-        Of the fit, um.
-    columns : ndarray, shape (rows, m)
-        Derivative of the prediction by each coefficient.
-    pull : ndarray, shape (m, m)
-        Rows of the prior, as heavy as in the fit.
-    volts : ndarray, shape (rows,)
-        Where they were measured.
+    residual, columns, pull, volts
+        As `blocks` has them.
+    stroke : float
+        Rows.
 
     Examples
     --------

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +21,8 @@ BESIDE = -4, 16  # blocks before and behind these, and behind voltages that were
 SMALL = 1e-9  # of the largest: columns that are sums of others
 
 
-class Blocks(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Blocks:
     """Means of the rows of a fit over blocks."""
 
     residual: FloatArray
@@ -32,6 +34,17 @@ class Blocks(NamedTuple):
     def means(self, rows: FloatArray) -> FloatArray:
         """Of others of the same rows."""
         return _means(rows, self.each)
+
+    @functools.cached_property
+    def fitted(self) -> FloatArray:
+        """Orthonormal columns of all that is beside a step: the fit, as heavy as its prior leaves it, and cosines."""
+        n = self.residual.size
+        slow = np.cos(np.pi * (np.arange(n)[:, None] + 0.5) / n * np.arange(SLOW + 1))
+        X = np.column_stack([slow, self.columns])
+        above = np.zeros((X.shape[1], X.shape[1]))
+        above[X.shape[1] - len(self.pull) :, X.shape[1] - len(self.pull) :] = self.pull
+        R = normal.reduced(np.vstack([above, X]))
+        return np.asarray(normal.triangular(R, X.T, transposed=True).T)
 
 
 def blocks(residual: FloatArray, columns: FloatArray, pull: FloatArray, volts: FloatArray) -> Blocks | None:
@@ -80,13 +93,7 @@ class Steps:
     """
 
     def __init__(self, of: Blocks, shape: FloatArray, other: FloatArray | None = None) -> None:
-        n, r = of.residual.size, of.residual
-        slow = np.cos(np.pi * (np.arange(n)[:, None] + 0.5) / n * np.arange(SLOW + 1))
-        X = np.column_stack([slow, of.columns])
-        above = np.zeros((X.shape[1], X.shape[1]))
-        above[X.shape[1] - len(of.pull) :, X.shape[1] - len(of.pull) :] = of.pull
-        R = normal.reduced(np.vstack([above, X]))
-        self._W = normal.triangular(R, X.T, transposed=True).T
+        r, self._W = of.residual, of.fitted
         self.residual = r - self._W @ (self._W.T @ r)
         self._shape, self._other = shape, other
         self._until = _from(self._W * shape[:, None])
