@@ -463,7 +463,8 @@ def followed_alike(
             text.adapt(z)
         if k == ticks - 1:
             tried, beside = kernel.state()["candidate"], text._state.candidate
-            assert [beside.strain, beside.worse, beside.product, beside.own.second] == tried[[6, -1, 10, -2]].tolist()
+            assert [beside.strain, beside.own.second, beside.missed_speed, beside.missed_level] == tried[[6, 17, 18, 19]].tolist()
+            assert [beside.shown, beside.gain, beside.lag, beside.offset, beside.worse] == tried[-5:].tolist()
     return kernel, np.array(error)
 
 
