@@ -664,8 +664,8 @@ typedef struct {
     ts_real frequency;                /* cycles per tick; 0: there is none */
     ts_real section[4], direct;       /* of its dynamics */
     ts_real strain, made[2];          /* um: of the tick before; what the section made of it then, and before that */
-    ts_real ticks;                    /* so far, and sums: */
-    ts_real missed[2], speed[2], level[2], own[2]; /* of what it misses, the velocity, what it makes, and what the law misses, and of their squares, */
+    ts_real first, ticks;             /* um: what it makes in the first tick; so many so far, and sums: */
+    ts_real missed[2], speed[2], level[2], own[2]; /* of what it misses, the velocity, what it makes beyond the first, and what the law misses, and of their squares, */
     ts_real missed_speed, missed_level, speed_level; /* and of products */
     ts_real shown;                    /* cycles per tick: the one of the last window; 0: there was none, or it shows no gain and lag, */
     ts_real gain, lag, offset;        /* 1, s, um: what it misses least with, beside the weights; without a dead time */

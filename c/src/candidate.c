@@ -7,6 +7,10 @@
 #define FEWEST 20          /* ticks that show it */
 #define ALIKE ((ts_real)0.01) /* share of the level's square that the velocity is no part of: with less there is no gain beside a lag */
 
+#define LARGEST_GAIN ((ts_real)0.5) /* what a stage leaves to the weights, in size: more is no matter of a stage, */
+#define LATEST ((ts_real)5)         /* nor a lag of more radians at the resonance, */
+#define SOONEST ((ts_real)0.5)      /* or one that is a lead of so many */
+
 /* The stage that is known now, if any, at rest at this strain, um. */
 static void begin_candidate(ts_controller *c, ts_real strain)
 {
@@ -37,6 +41,8 @@ static void count_candidate(ts_candidate *t, ts_real z, ts_real zdot_d, ts_real 
     const ts_real *q = t->section;
     ts_real made = q[0] * strain + q[1] * t->strain - q[2] * t->made[0] - q[3] * t->made[1];
     ts_real level = made + t->direct * strain, missed = z - level;
+    if (!(t->ticks > 0)) t->first = level;
+    level -= t->first;
     t->made[1] = t->made[0];
     t->made[0] = made;
     t->ticks += 1;
@@ -87,12 +93,17 @@ void ts_candidate_end(ts_controller *c)
     ts_real speed = spread_of(t->speed[1], t->speed, t->speed, n), level = spread_of(t->level[1], t->level, t->level, n);
     ts_real by_speed = spread_of(t->missed_speed, t->missed, t->speed, n), by_level = spread_of(t->missed_level, t->missed, t->level, n);
     ts_real both = spread_of(t->speed_level, t->speed, t->level, n), alone = speed * level - both * both;
+    ts_real lag = 0, gain = 0, radian = c->settings->oscillation.tick / (2 * TS_PI * tried);
     if (alone > ALIKE * speed * level) {
-        t->shown = tried;
-        t->lag = (by_speed * level - by_level * both) / alone;
-        t->gain = (by_level * speed - by_speed * both) / alone;
-        t->offset = (t->missed[0] - t->lag * t->speed[0] - t->gain * t->level[0]) / n;
-        missed -= t->lag * by_speed + t->gain * by_level;
+        lag = (by_speed * level - by_level * both) / alone;
+        gain = (by_level * speed - by_speed * both) / alone;
     }
+    if (size_of(gain) < LARGEST_GAIN && lag > -LATEST * radian && lag < SOONEST * radian) {
+        t->shown = tried;
+        t->lag = lag;
+        t->gain = gain;
+        t->offset = (t->missed[0] - lag * t->speed[0] - gain * t->level[0]) / n - gain * t->first;
+        missed -= lag * by_speed + gain * by_level;
+    } else if (speed > 0) missed -= by_speed * by_speed / speed;
     if (missed > TOO_MUCH * TOO_MUCH * own) t->worse = tried;
 }

@@ -23,7 +23,6 @@
 #define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much, */
 #define BY_CHANCE 6               /* and with more than so many such errors in a window: noise alone has half of them */
 #define TRIED ((ts_real)0.1)      /* of a stage that missed more than the law: what is shown so near to it is it */
-#define MOST_SHOWN ((ts_real)0.5) /* of the gain of the weights: more is no matter of a stage */
 #define MOST_SENSITIVE ((ts_real)0.2) /* of a resonance: where fewer plays move it further, it is as doubtful as one after another that failed, */
 #define KNOWN ((ts_real)0.01)     /* until its relative deviation is so small; */
 #define STANDS_ALONE ((ts_real)0.1) /* further than this, ringing alone does not show it, where the law is good without it */
@@ -378,11 +377,11 @@ static bool is_late(const ts_controller *c)
     return lag > WHOLE && lag * 2 * TS_PI * r->known > TURNED && shown_dead(r, c->found.dead) != c->found.dead;
 }
 
-/* Whether the last window has shown what the weights miss beside the stage that is put into the model. */
+/* Whether the last window has shown what the weights miss beside the stage that is put into the model: in a slow motion a load does. */
 static bool shows_rest(const ts_controller *c)
 {
-    const ts_candidate *t = &c->candidate;
-    return !c->found.known && c->settings->terms[TS_LAG] > 0 && size_of(t->shown / c->stage.resonance - 1) < TRIED && size_of(t->gain) < MOST_SHOWN;
+    ts_real shown = c->candidate.shown / c->stage.resonance - 1;
+    return !c->found.known && c->settings->terms[TS_LAG] > 0 && size_of(shown) < TRIED && c->resonance.motion > SLOWEST * c->stage.resonance;
 }
 
 /* Whether the stage is put into the model, or its resonance or dead time there replaced: the motion is fast enough that it matters, and the error

@@ -1,5 +1,6 @@
 """A stage that is shown, before it is put into the model."""
 
+import math
 from dataclasses import dataclass, field
 
 from truestroke.control.stage import found
@@ -7,6 +8,8 @@ from truestroke.control.stage import found
 TOO_MUCH = 4.0  # times the rms of what the law misses: a stage that misses more is not that of the measurements
 FEWEST = 20  # ticks that show it
 ALIKE = 0.01  # share of the level's square that the velocity is no part of: with less there is no gain beside a lag
+LARGEST_GAIN = 0.5  # what a stage leaves to the weights, in size: more is no matter of a stage,
+LATEST, SOONEST = 5.0, 0.5  # nor a lag of more radians at the resonance, or one that is a lead of so many
 
 
 @dataclass
@@ -40,10 +43,11 @@ class Candidate:
     direct: float = 0.0
     strain: float = 0.0  # um: of the tick before,
     made: tuple[float, float] = (0.0, 0.0)  # what the section made of it then, and before that
+    first: float = 0.0  # um: what it makes in the first tick
     ticks: int = 0
     missed: Moments = field(default_factory=Moments)
     speed: Moments = field(default_factory=Moments)
-    level: Moments = field(default_factory=Moments)  # of what it makes
+    level: Moments = field(default_factory=Moments)  # of what it makes, beyond the first
     own: Moments = field(default_factory=Moments)  # of what the law misses
     missed_speed: float = 0.0  # sums of products
     missed_level: float = 0.0
@@ -60,6 +64,9 @@ class Candidate:
         made = q[0] * strain + q[1] * self.strain - q[2] * self.made[0] - q[3] * self.made[1]
         level = made + self.direct * strain
         missed = z - level
+        if self.ticks == 0:
+            self.first = level
+        level -= self.first
         self.made = made, self.made[0]
         self.ticks += 1
         self.missed.add(missed)
@@ -70,8 +77,8 @@ class Candidate:
         self.missed_level += missed * level
         self.speed_level += zdot_d * level
 
-    def end(self) -> None:
-        """A window has ended: what the stage misses beside an offset, a lag and a gain, by least squares."""
+    def end(self, tick: float) -> None:
+        """A window has ended: what the stage misses beside an offset, a lag and a gain, by least squares. tick: s."""
         tried, n = self.frequency, self.ticks
         self.worse = self.frequency = self.shown = self.gain = self.lag = self.offset = 0.0
         if not (tried > 0 and n > FEWEST):
@@ -82,12 +89,17 @@ class Candidate:
         by_level = product_of(self.missed_level, self.missed, self.level, n)
         both = product_of(self.speed_level, self.speed, self.level, n)
         alone = speed * level - both * both
+        lag, gain, radian = 0.0, 0.0, tick / (2 * math.pi * tried)
         if alone > ALIKE * speed * level:
-            self.shown = tried
-            self.lag = (by_speed * level - by_level * both) / alone
-            self.gain = (by_level * speed - by_speed * both) / alone
-            self.offset = (self.missed.first - self.lag * self.speed.first - self.gain * self.level.first) / n
-            missed -= self.lag * by_speed + self.gain * by_level
+            lag = (by_speed * level - by_level * both) / alone
+            gain = (by_level * speed - by_speed * both) / alone
+        if abs(gain) < LARGEST_GAIN and -LATEST * radian < lag < SOONEST * radian:
+            self.shown, self.lag, self.gain = tried, lag, gain
+            missing = self.missed.first - lag * self.speed.first - gain * self.level.first
+            self.offset = missing / n - gain * self.first
+            missed -= lag * by_speed + gain * by_level
+        elif speed > 0:
+            missed -= by_speed * by_speed / speed
         if missed > TOO_MUCH * TOO_MUCH * own:
             self.worse = tried
 

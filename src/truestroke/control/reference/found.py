@@ -40,7 +40,6 @@ NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much,
 BY_CHANCE = 6  # and with more than so many such errors in a window: noise alone has half of them
 TRIED = 0.1  # of a stage that missed more than the law: what is shown so near to it is it
-MOST_SHOWN = 0.5  # of the gain of the weights: more is no matter of a stage
 MOST_SENSITIVE = 0.2  # of a resonance: where fewer plays move it further, it is as doubtful as one after a failure,
 KNOWN = 0.01  # until its relative deviation is so small;
 STANDS_ALONE = 0.1  # further than this, ringing alone does not show it, where the law is good without it
@@ -355,10 +354,12 @@ def is_late(c: State) -> bool:
 
 
 def shows_rest(c: State) -> bool:
-    """Whether the last window has shown what the weights miss beside the stage that is put into the model."""
-    shown, stage = c.candidate, c.stage
-    near = not stage.found and abs(shown.shown / stage.resonance - 1) < TRIED
-    return c.settings.lag and near and abs(shown.gain) < MOST_SHOWN
+    """Whether the last window has shown what the weights miss beside the stage that is put into the model.
+
+    In a slow motion it has not: a load does.
+    """
+    stage, fast = c.stage, c.estimator.motion > SLOWEST * c.stage.resonance
+    return c.settings.lag and fast and not stage.found and abs(c.candidate.shown / stage.resonance - 1) < TRIED
 
 
 def matters(c: State) -> bool:
@@ -509,7 +510,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers, steady)
     c.rate = zdot_d
     if unknown and c.estimator.ticks == 0:
-        c.candidate.end()
+        c.candidate.end(tick)
     if c.estimator.ticks == 0:
         load = c.estimator.load
         law.load = LOAD_COUNTS * law.noise_of_sine(load, c.estimator.load_at) if load > 0 else 0.0
