@@ -12,6 +12,7 @@ from truestroke.identification import Record, examine, identify, load_model, sav
 from truestroke.identification.fitting.uncertainty import autocorrelation
 from truestroke.identification.held_out.changed import change
 from truestroke.identification.held_out.jump import jump
+from truestroke.identification.held_out.steps import blocks
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence, evidence, verdict
 from truestroke.model.dynamics import Dynamics, Mode
@@ -33,7 +34,7 @@ def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
     taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
     trace = Trace(**taken, source="", breaks=(), predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
     findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
-    jumped = jump(error + NOISE, np.zeros((T.size, 0)), np.zeros((0, 0)), X, T.size / findings.strokes)
+    jumped = jump(blocks(error + NOISE, np.zeros((T.size, 0)), np.zeros((0, 0)), X), T.size / findings.strokes)
     found = evidence(trace, (T, error + NOISE), autocorrelation(error + NOISE), findings, jumped=jumped)
     rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))
     whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum()), 0.95), findings)
@@ -134,7 +135,8 @@ def test_an_error_that_is_in_some_parts_of_the_record_is_no_change_of_the_gain()
     gain[1700:], later[1700:] = 0.04, 1.0
     places = np.arange(4000) // 200 % 4 == 1
     nothing = np.zeros((4000, 0)), np.zeros((0, 0)), z
-    found = [change(noise + error, *nothing, z, rate) for error in (gain * z, 4 * gain * z * places, -later * rate)]
+    errors = gain * z, 4 * gain * z * places, -later * rate
+    found = [change(blocks(noise + error, *nothing), z, rate) for error in errors]
     assert found[0] == ("gain", pytest.approx(0.04, abs=0.01), pytest.approx(1700, abs=80))
     assert found[1] is None
     assert found[2] == ("delay", pytest.approx(1.0, abs=0.2), pytest.approx(1700, abs=80))
@@ -145,7 +147,9 @@ def test_a_step_of_the_voltage_and_a_new_end_of_its_range_are_no_jump_of_the_zer
     rest = np.random.Generator(np.random.PCG64(0)).standard_normal(4000) + 2.0 * (np.arange(4000) >= 1700)
     wave = np.cos(np.arange(4000) / 30.0)
     steps, further = wave + 5.0 * (np.arange(4000) >= 1700), wave * np.where(np.arange(4000) >= 1690, 2.0, 1.0)
-    found = [jump(rest, np.zeros((4000, 0)), np.zeros((0, 0)), volts, 100.0) for volts in (wave, steps, further)]
+    found = [
+        jump(blocks(rest, np.zeros((4000, 0)), np.zeros((0, 0)), volts), 100.0) for volts in (wave, steps, further)
+    ]
     assert [one is not None for one in found] == [True, False, False]
 
 
