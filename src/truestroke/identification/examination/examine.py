@@ -107,11 +107,14 @@ def examine(record: Record) -> Findings:
 
 
 def _line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
-    """Slope, height at 0 and correlation of the straight line, without temporary arrays."""
-    n, mx, mz = x.size, float(x.mean()), float(z.mean())
-    xx, xz, zz = float(x @ x) / n - mx * mx, float(x @ z) / n - mx * mz, float(z @ z) / n - mz * mz
+    """Slope, height at 0 and correlation of the straight line, without large temporary arrays."""
+    mx, mz, parts = float(x.mean()), float(z.mean()), -(-x.size // SAMPLED)
+    xx = xz = zz = 0.0
+    for a, b in zip(np.array_split(x, parts), np.array_split(z, parts), strict=True):
+        dx, dz = a - mx, b - mz
+        xx, xz, zz = xx + float(dx @ dx), xz + float(dx @ dz), zz + float(dz @ dz)
     gain = xz / xx
-    return gain, mz - gain * mx, xz / math.sqrt(xx * zz)
+    return gain, mz - gain * mx, xz / math.sqrt(xx) / math.sqrt(zz)
 
 
 def _noise(record: Record, cut: npt.NDArray[np.bool_]) -> float:
