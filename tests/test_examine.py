@@ -259,6 +259,18 @@ def test_any_usable_record_is_examined(tmp_path: Path) -> None:
         assert all(text for _, text in result.table())
 
 
+def test_a_record_is_examined_however_far_from_zero_it_is() -> None:
+    """The variance of 20 um about 1e9 um was lost in that of 1e9 um, and divided by."""
+    t = np.arange(4000) / RATE
+    x, z = several(t), 10 * several(t - 0.002) + np.random.Generator(np.random.PCG64(0)).normal(0, 0.01, t.size)
+    near, far, biased = (
+        examine(Record.from_arrays(x + volts, z + um, sample_rate=RATE)) for volts, um in ((0, 0), (0, 1e9), (1e7, 0))
+    )
+    for found in (far, biased):
+        assert found.gain_um_per_v == pytest.approx(near.gain_um_per_v, rel=1e-4)
+        assert not found.mistakes
+
+
 # ---- From outside ----------------------------------------------------------------------------------------------------
 
 
