@@ -492,3 +492,27 @@ def test_a_zero_that_drifts_far_is_a_reason(share: float, said: bool) -> None:
     found = evidence(trace, (T, NOISE), np.array([1.0, 0.1]), findings, drift)
     reasons = verdict(found, HeldOut(0.01, 0.03, 0.03, 0.1, 8000, 0.95), findings).reasons
     assert any("The zero drifts by" in reason for reason in reasons) == said
+
+
+def test_motion_beside_a_zero_that_moves_is_compared_with_a_straight_line_by_itself() -> None:
+    """As of a thermal cycle beyond which a drift was extended: it was bad, worse than a straight line."""
+    moves = 5.0 * np.clip((T - 12.0) / (T[-1] - 12.0), 0.0, 1.0)
+    found, reasons, level = judged(moves + 0.7 * np.sin(40.0 * T))
+    assert level == "doubtful"
+    assert found.over_line < 0.5
+    assert any("is slow: drift, creep, or a zero that moved" in reason for reason in reasons)
+
+
+def test_an_error_that_grows_all_the_time_does_not_begin_at_the_first_voltage_that_was_not_fitted() -> None:
+    """Of a zero that moves on while the voltage leaves the fitted range by chance."""
+    held, volts = T >= 12.0, np.where(T >= 14.0, 1.5, 1.0) * X
+    reached = float(T[np.flatnonzero(volts > 1.03 * X.max())[0]])
+    z = PREDICTED + NOISE
+    taken = {"time": T, "volts": volts, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
+    growing, sudden = 0.5 * np.maximum(T - 12.0, 0.0), np.where(reached <= T, 2.0, 0.1)
+    left = []
+    for error in (growing, sudden):
+        trace = Trace(**taken, source="", breaks=(), predicted=z - error, half_width=np.ones(T.size), held_out=held)
+        findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
+        left.append(evidence(trace, (T, NOISE), autocorrelation(NOISE), findings).left_s)
+    assert left == [0.0, pytest.approx(reached, abs=0.05)]
