@@ -333,7 +333,7 @@ def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("option", ["--output", "--plots"])
 def test_a_full_disk_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch, option: str) -> None:
-    """A learned motion was played once, and then `No space left on device`."""
+    """A learned motion was output once, and then `No space left on device`."""
     monkeypatch.setattr("truestroke.cli.track._run", lambda *_: pytest.fail("it ran"))
     full = shutil._ntuple_diskusage(total=10**9, used=10**9 - 1000, free=1000)  # type: ignore[attr-defined]
     monkeypatch.setattr(shutil, "disk_usage", lambda _: full)
