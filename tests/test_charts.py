@@ -140,7 +140,8 @@ def test_on_a_phone_lines_between_many_gaps_are_seen_and_words_are_whole(tmp_pat
             const all = c.getContext("2d").getImageData(0, 0, c.width, c.height).data, found = [];
             for (let x = 0; x < c.width; x++) { let n = 0; for (let y = 20; y < c.height - 40; y++) {
               const at = 4 * (y * c.width + x), [r, g, b] = [all[at], all[at + 1], all[at + 2]];
-              n += all[at + 3] > 200 && Math.max(r, g, b) - Math.min(r, g, b) > 60; } found.push(n > 20); } return found; }"""
+              n += all[at + 3] > 200 && Math.max(r, g, b) - Math.min(r, g, b) > 60; }
+              found.push(n > 20); } return found; }"""
         drawn = np.flatnonzero(shown.evaluate(dark))
         words = "td => td.getClientRects().length && (() => { const r = document.createRange(), t = td.firstChild; "
         words += "r.setStart(t, 8); r.setEnd(t, 18); return r.getClientRects().length; })()"

@@ -186,9 +186,9 @@ def _on_hardware(
 
         pictures = common.save_page(report.page(found, verdict, common.to_repeat(), done.recordings), page_file, plots)
     if as_json:
-        names = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
+        paths = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
         run = realtime.as_dict(done, code)
-        common.print_json({**run, **verdict.as_dict(), **found.as_dict(), **names})
+        common.print_json({**run, **verdict.as_dict(), **found.as_dict(), **paths})
         return code
     realtime.print_run(done)
     click.echo()

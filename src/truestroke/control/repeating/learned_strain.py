@@ -406,13 +406,14 @@ def filled(periods: FloatArray) -> FloatArray:
     """
     missing = np.isnan(periods)
     kept = ~np.isinf(periods).any(axis=1) & (missing.mean(axis=1) <= GAP)
-    if not missing[kept].any():
-        return periods[kept]
-    rows, missing = periods[kept], missing[kept]
+    rows: FloatArray = periods[kept]
+    missing = missing[kept]
+    if not missing.any():
+        return rows
     seen = (~missing).sum(axis=0)
     if not seen.all():  # a place that no period shows
-        return rows[:0]
-    return np.where(missing, np.where(missing, 0.0, rows).sum(axis=0) / seen, rows)
+        return np.empty((0, periods.shape[1]))
+    return np.asarray(np.where(missing, np.where(missing, 0.0, rows).sum(axis=0) / seen, rows))
 
 
 KINDS = (FewNumbers, StrainLaw, Turns)
