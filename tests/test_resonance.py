@@ -719,10 +719,11 @@ def test_a_candidate_shows_the_gain_the_lag_and_the_offset_that_the_weights_miss
     one = candidate.begun(f0 * tick, tick, float(strain[0]), float(strain[0]))
     for values in zip(z.tolist(), speed.tolist(), strain.tolist(), strict=True):
         one.count(*values, own=0.01)
+        one.strain = values[2]
     one.end(tick)
     assert one.shown == f0 * tick
     assert one.gain == pytest.approx(-0.1, abs=0.004)
-    assert one.lag == pytest.approx(-4e-4, abs=0.6 * tick)  # the section has half a tick of its own
+    assert one.lag == pytest.approx(-4e-4, abs=0.1 * tick)
     assert one.offset == pytest.approx(2.0, abs=0.004 * 400)
 
 

@@ -5,9 +5,9 @@
 
 #define TOO_MUCH ((ts_real)4) /* times the rms of what the law misses: a stage that misses more is not that of the measurements */
 #define FEWEST 20          /* ticks that show it */
-#define ALIKE ((ts_real)0.01) /* share of the level's square that the velocity is no part of: with less there is no gain beside a lag */
+#define INDEPENDENT ((ts_real)0.01) /* share of the level's square that the velocity is no part of: with less there is no gain beside it */
 
-#define LARGEST_GAIN ((ts_real)0.5) /* what a stage leaves to the weights, in size: more is no matter of a stage, */
+#define LARGEST_GAIN ((ts_real)0.5) /* what weights take beside a stage, in size: more is no matter of a stage, */
 #define LATEST ((ts_real)5)         /* nor a lag of more radians at the resonance, */
 #define SOONEST ((ts_real)0.5)      /* or one that is a lead of so many */
 
@@ -94,7 +94,7 @@ void ts_candidate_end(ts_controller *c)
     ts_real by_speed = spread_of(t->missed_speed, t->missed, t->speed, n), by_level = spread_of(t->missed_level, t->missed, t->level, n);
     ts_real both = spread_of(t->speed_level, t->speed, t->level, n), alone = speed * level - both * both;
     ts_real lag = 0, gain = 0, radian = c->settings->oscillation.tick / (2 * TS_PI * tried);
-    if (alone > ALIKE * speed * level) {
+    if (alone > INDEPENDENT * speed * level) {
         lag = (by_speed * level - by_level * both) / alone;
         gain = (by_level * speed - by_speed * both) / alone;
     }

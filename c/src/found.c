@@ -227,8 +227,8 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const 
     if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
     int dead = dead_time(c, frequency, again ? c->found.dead : 1);
     ts_make_dynamics(&c->found, frequency, s->oscillation.tick, dead);
-    ts_real left = shown ? within(shown->lag + (ts_real)dead * s->oscillation.tick, -TS_LARGEST, TS_LARGEST) : 0;
-    if (shown) restate(c, 1 + shown->gain, shown->offset, left);
+    ts_real left = shown != NULL ? within(shown->lag + (ts_real)dead * s->oscillation.tick, -TS_LARGEST, TS_LARGEST) : 0;
+    if (shown != NULL) restate(c, 1 + shown->gain, shown->offset, left);
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */

@@ -7,8 +7,8 @@ from truestroke.control.stage import found
 
 TOO_MUCH = 4.0  # times the rms of what the law misses: a stage that misses more is not that of the measurements
 FEWEST = 20  # ticks that show it
-ALIKE = 0.01  # share of the level's square that the velocity is no part of: with less there is no gain beside a lag
-LARGEST_GAIN = 0.5  # what a stage leaves to the weights, in size: more is no matter of a stage,
+INDEPENDENT = 0.01  # share of the level's square that the velocity is no part of: with less there is no gain beside it
+LARGEST_GAIN = 0.5  # what weights take beside a stage, in size: more is no matter of a stage,
 LATEST, SOONEST = 5.0, 0.5  # nor a lag of more radians at the resonance, or one that is a lead of so many
 
 
@@ -90,7 +90,7 @@ class Candidate:
         both = product_of(self.speed_level, self.speed, self.level, n)
         alone = speed * level - both * both
         lag, gain, radian = 0.0, 0.0, tick / (2 * math.pi * tried)
-        if alone > ALIKE * speed * level:
+        if alone > INDEPENDENT * speed * level:
             lag = (by_speed * level - by_level * both) / alone
             gain = (by_level * speed - by_speed * both) / alone
         if abs(gain) < LARGEST_GAIN and -LATEST * radian < lag < SOONEST * radian:
