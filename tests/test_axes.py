@@ -27,7 +27,7 @@ from truestroke import (
 )
 from truestroke.base import frames
 from truestroke.cli import main
-from truestroke.control.repeating.learned_strain import LearnedStrain
+from truestroke.control.repeating.learned_strain import LearnedStrain, filled
 from truestroke.control.repeating.turns import Turns, turns_of
 from truestroke.model.dynamics import Dynamics, Mode
 from truestroke.plant import MultiAxisSettings, MultiAxisStage, StagePlant, StageSettings
@@ -942,3 +942,52 @@ def test_a_long_motion_is_prepared_in_little_more_than_what_is_kept():
     finally:
         tracemalloc.stop()
     assert most / ticks < 92, most / ticks
+
+
+class Lossy:
+    """A stage that hands its calls on, some of whose samples are lost, or are spikes of 5 um."""
+
+    def __init__(self, stage, share, spikes):
+        self._stage, self._share, self._spikes = stage, share, spikes
+        self._random = np.random.default_rng(3)
+
+    def __getattr__(self, name):
+        return getattr(self._stage, name)
+
+    def exchange(self, volts):
+        measured = np.array(self._stage.exchange(volts))
+        measured[self._random.random(len(measured)) < self._share] += 5.0 if self._spikes else np.nan
+        return measured
+
+
+@pytest.mark.parametrize("spikes", [False, True], ids=["lost", "spikes"])
+def test_what_repeats_is_learned_though_samples_are_lost_or_are_spikes(spikes):
+    """With a sample in fifty lost nothing was learned, as each period missed one; of spikes it learned their mean."""
+    rate, kept = 5000.0, {}
+    axes = tuple(StageSettings(sample_rate=rate, resonances=(f,)) for f in (900.0, 600.0))
+    known = {"sample_rate": rate, "stroke": 30.0, "voltage_limits": (-0.6, 3.6), "feedback": False}
+    lines = raster(frequency=40.0, peak_to_peak=20.0, duration=1.6, sample_rate=rate)
+    rest = Trajectory("rest", rate, np.zeros(len(lines)), np.zeros(len(lines)))
+    for share in (0.0, 0.02):
+        controller = MultiAxisController(
+            {n: ControllerSettings(**known, dynamics=one.dynamics()) for n, one in zip("xy", axes, strict=True)},
+            period=0.025,
+        )
+        stage = MultiAxisStage(MultiAxisSettings(axes=axes, coupling=[[0.0, 0.03], [0.03, 0.0]]))
+        recording = run({"x": lines, "y": rest}, controller, Lossy(stage, share, spikes) if share else stage)
+        error = (recording["true_x"] - recording["desired_x"])[round(1.2 * rate) :]
+        kept[share] = len(controller.learned["x"].errors), np.sqrt(np.mean(error[lines.flat[-len(error) :] > 0] ** 2))
+    assert kept[0.02][0] == kept[0.0][0] >= 2
+    assert kept[0.02][1] < 1.5 * kept[0.0][1]
+
+
+def test_a_period_with_a_limit_or_many_lost_samples_does_not_count():
+    periods = np.tile(np.sin(np.arange(40.0)), (6, 1)) + np.arange(6.0)[:, np.newaxis]
+    periods[0, 3] = np.inf  # a limit held the voltage
+    periods[1, :9] = np.nan
+    periods[2, 5:9] = np.nan
+    found = filled(periods)
+    np.testing.assert_array_equal(found[1:], periods[3:])
+    np.testing.assert_allclose(found[0, 5:9], np.sin(np.arange(5.0, 9.0)) + 4.0)
+    periods[:, 0] = np.nan  # a place that no period shows
+    assert len(filled(periods)) == 0

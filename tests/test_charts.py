@@ -18,6 +18,7 @@ from truestroke import measure_bode, plant, run, trajectories
 from truestroke.control.controller import AdaptiveController
 from truestroke.report import charts, dynamics, run_page, spectra, words
 from truestroke.report.charts import Chart, Line, Panel
+from truestroke.report.page import Page, Section, Table, closer
 from truestroke.report.style import DARK, LIGHT
 
 
@@ -118,3 +119,34 @@ def test_a_page_with_a_chart_is_well_formed_small_and_needs_no_network(page: Pat
 def test_the_charts_of_a_page_share_its_size() -> None:
     long = Chart([Panel("a (V)", [Line("a", "true", np.random.default_rng(0).normal(size=10**6))])], 0.0, 1.0)
     assert len(long.encoded(charts.BUDGET // 3)["panels"][0]["lines"][0]["data"]) < charts.BUDGET // 3
+
+
+def test_on_a_phone_lines_between_many_gaps_are_seen_and_words_are_whole(tmp_path: Path) -> None:
+    """Of a scan, whose errors are those within its lines, a chart was empty in a third of its width."""
+    error = np.cos(np.arange(12_000.0))
+    error[np.arange(12_000) % 50 < 25] = np.nan
+    error[6000:8000] = np.nan
+    table = Table(
+        columns=["a", "b", "c"], rows=[["a controller", "Widrow, normalised", "such words " * 9]], kind="words"
+    )
+    chart = Chart([Panel("error (µm)", [Line("x", "true", error)])], 0.0, 5e-4)
+    sections = [Section(tables=[table]), closer(chart)]
+    file = Page(title="", lead="", sections=sections, plots=lambda _: {}).save(tmp_path / "page.html")
+    with look.chromium() as browser:
+        shown = browser.new_page(viewport={"width": 390, "height": 800})
+        shown.goto(file.as_uri())
+        assert not look.too_wide(shown)
+        dark = """() => {const c = document.querySelector(".chart canvas"), y = Math.round(c.height / 3);
+            const all = c.getContext("2d").getImageData(0, 0, c.width, c.height).data, found = [];
+            for (let x = 0; x < c.width; x++) { let n = 0; for (let y = 20; y < c.height - 40; y++) {
+              const at = 4 * (y * c.width + x), [r, g, b] = [all[at], all[at + 1], all[at + 2]];
+              n += all[at + 3] > 200 && Math.max(r, g, b) - Math.min(r, g, b) > 60; }
+              found.push(n > 20); } return found; }"""
+        drawn = np.flatnonzero(shown.evaluate(dark))
+        words = "td => td.getClientRects().length && (() => { const r = document.createRange(), t = td.firstChild; "
+        words += "r.setStart(t, 8); r.setEnd(t, 18); return r.getClientRects().length; })()"
+        assert shown.eval_on_selector(".words td", words) == 1
+    wide = drawn[-1] - drawn[0]
+    empty = np.diff(drawn) - 1
+    assert np.sort(empty)[-2] <= 2  # px
+    assert empty.max() == pytest.approx(wide / 6, rel=0.1)  # the gap of a second

@@ -331,6 +331,17 @@ def test_what_cannot_be_written_is_said_before_the_run(monkeypatch: pytest.Monke
     assert "run.html cannot be written; choose another --output" in done.stderr
 
 
+@pytest.mark.parametrize("option", ["--output", "--plots"])
+def test_a_full_disk_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch, option: str) -> None:
+    """A learned motion was output once, and then `No space left on device`."""
+    monkeypatch.setattr("truestroke.cli.track._run", lambda *_: pytest.fail("it ran"))
+    full = shutil._ntuple_diskusage(total=10**9, used=10**9 - 1000, free=1000)  # type: ignore[attr-defined]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: full)
+    done = call("track", option, "run")
+    assert done.exit_code == 1
+    assert f"{option} run: 0.0 MB are free on its disk, 5 MB are needed" in done.stderr.replace("run.h5", "run")
+
+
 @pytest.fixture
 def _two_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tuning takes seconds, which most tests can spare."""

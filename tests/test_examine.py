@@ -259,6 +259,30 @@ def test_any_usable_record_is_examined(tmp_path: Path) -> None:
         assert all(text for _, text in result.table())
 
 
+def test_a_record_is_examined_however_far_from_zero_it_is() -> None:
+    """The variance of 20 um about 1e9 um was lost in that of 1e9 um, and divided by."""
+    t = np.arange(4000) / RATE
+    x, z = several(t), 10 * several(t - 0.002) + np.random.Generator(np.random.PCG64(0)).normal(0, 0.01, t.size)
+    near, far, biased = (
+        examine(Record.from_arrays(x + volts, z + um, sample_rate=RATE)) for volts, um in ((0, 0), (0, 1e9), (1e7, 0))
+    )
+    for found in (far, biased):
+        assert found.gain_um_per_v == pytest.approx(near.gain_um_per_v, rel=1e-4)
+        assert not found.mistakes
+
+
+def test_pieces_between_gaps_that_are_shorter_than_the_delay_are_no_part_of_the_loop() -> None:
+    """One of 4 rows with a displacement that is 6 rows late ended with an error of NumPy."""
+    t = np.arange(4000) / RATE
+    kept = np.ones(t.size, dtype=bool)
+    kept[[*range(2000, 2010), *range(2014, 2024)]] = False
+    x, z = several(t), 10 * several(t - 0.006)
+    whole, holed = (examine(Record.from_arrays(x[rows], z[rows], time=t[rows])) for rows in (np.ones_like(kept), kept))
+    assert len(holed.gaps) == 2
+    assert holed.loop_width_percent == pytest.approx(whole.loop_width_percent, rel=0.05)
+    assert holed.hysteresis_percent == pytest.approx(0.0, abs=0.2)
+
+
 # ---- From outside ----------------------------------------------------------------------------------------------------
 
 

@@ -11,6 +11,7 @@ from truestroke import ControllerSettings, SettingError
 from truestroke.identification import fit
 from truestroke.identification.fitting.regression import Data, Structure
 from truestroke.identification.held_out.jump import jump
+from truestroke.identification.held_out.steps import blocks
 from truestroke.model.branches import Branches
 
 THRESHOLDS = tuple(i / 8 * 1.5 for i in range(8))
@@ -186,7 +187,7 @@ def test_columns_that_are_kept_are_those_of_a_record_that_was_not_used_before():
 def test_a_jump_of_a_residual_without_noise_is_found() -> None:
     step, nothing = (
         np.repeat([0.0, 0.3], [2000, 1500]),
-        (np.zeros((3500, 0)), np.zeros((0, 0)), np.sin(np.arange(3500) / 25.0), 80.0),
+        (np.zeros((3500, 0)), np.zeros((0, 0)), np.sin(np.arange(3500) / 25.0)),
     )
-    assert jump(step, *nothing) == (pytest.approx(0.3), 2000)
-    assert jump(np.zeros(3500), *nothing) is None
+    assert jump(blocks(step, *nothing), 80.0) == (pytest.approx(0.3), 2000)
+    assert jump(blocks(np.zeros(3500), *nothing), 80.0) is None

@@ -227,12 +227,13 @@ def test_model_file_comes_back_to_the_last_bit(stage, tmp_path):
 def test_a_covariance_beside_branches_has_no_negative_variance():
     """Rounding of a covariance of which the weights are known exactly where the branches are."""
     ways = np.random.Generator(np.random.PCG64(2)).standard_normal((6, 3))
-    P = ways @ ways.T - 1e-9 * np.eye(6)
-    known = _of_model(P, SimpleNamespace(parameters=3, further=("a", "b", "c")))
+    known = _of_model(ways, SimpleNamespace(parameters=3, further=("a", "b", "c")))
     assert np.linalg.eigvalsh(known).min() > -1e-15
+    assert np.abs(known).max() < 1e-15
     wide = ways @ ways.T + np.eye(6)
     expected = np.linalg.inv(np.linalg.inv(wide)[:3, :3])  # of a normal distribution, with the others as they are
-    np.testing.assert_allclose(_of_model(wide, SimpleNamespace(parameters=3, further=("a", "b", "c"))), expected)
+    root = np.linalg.cholesky(wide)
+    np.testing.assert_allclose(_of_model(root, SimpleNamespace(parameters=3, further=("a", "b", "c"))), expected)
 
 
 def test_pieces_that_hardly_move_beside_the_step_between_them_are_refused():

@@ -386,3 +386,22 @@ def test_a_step_at_the_beginning_shows_no_speed():
     off = 20 * foreign.lagged(foreign.bouc_wen(np.append(v, fast)), fs, 0.0015)[v.size :]
     off = np.abs(off - model.predict(100 * np.append(v, fast), fs)[v.size :])
     assert np.mean(off < model.interval(100 * np.append(v, fast), fs)[v.size :]) > 0.9
+
+
+def test_an_interval_about_a_large_bias_is_that_about_a_small_one():
+    """Rounding of the normal equations made it wider than the stroke at 3,000 times the voltage's span."""
+    x, known = wave(7.5, 3, 100.0) / 3, {"rate": False, "creep_times": (), "asymmetry": 0, "modes": False, "delay": 0.0}
+    noise = 0.02 * np.random.Generator(np.random.PCG64(7)).standard_normal(x.size)
+    z = 20 * foreign.preisach(x, np.random.Generator(np.random.PCG64(7)), 400) + noise
+    widths = []
+    for volts in (x + 100.0, x + 1e4):
+        found = identify((volts, z, 100.0), drift=False, branches=False, **known).model
+        widths.append(interval.of_weights(found, volts, 100.0, found.strain(volts, 100.0), found.covariance))
+    np.testing.assert_allclose(widths[1], widths[0], rtol=0.03)
+
+
+def test_errors_of_rounding_alone_have_an_interval():
+    """The factor was 4e67, out of bounds, of a model that has a record exactly."""
+    zero = np.zeros(400)
+    exact = Errors(np.full(400, 1e-15), zero, zero, zero, zero, zero)
+    assert exact.factor(model(noise=0.0)) < 1.0

@@ -412,13 +412,23 @@ def changed(column: np.ndarray, row: int, value: float) -> np.ndarray:
     [
         ((T, 0 * V + 1.8, Z), r"volts .*is 1.8 V in all 300 rows; it must move", None),
         ((T, V, 0 * Z), r"displacement .*is 0 um in all 300 rows", None),
+        ((T, V, 1e-310 * Z), r"displacement .* um in all 300 rows; it must move", None),
         ((T, V, changed(Z, 7, np.nan)), r"line 9: displacement is missing or no number in '0.007", 9),
         ((T, changed(V, 0, np.inf), Z), r"line 2: volts is infinite", 2),
         ((changed(T, 20, T[19]), V, Z), r"line 22: time 0.019 s repeats that of the row before \(1 such", 22),
         ((changed(T, 20, 0.001), V, Z), r"line 22: time 0.001 s is earlier than", 22),
         ((T[:2], V[:2], Z[:2]), r"2 rows; at least 50 are needed", None),
     ],
-    ids=["constant-voltage", "constant-displacement", "nan", "infinite", "repeated-time", "backwards", "two-samples"],
+    ids=[
+        "constant-voltage",
+        "constant-displacement",
+        "denormal",
+        "nan",
+        "infinite",
+        "repeated-time",
+        "backwards",
+        "two-samples",
+    ],
 )
 def test_what_cannot_be_used_is_refused(
     tmp_path: Path, columns: tuple[np.ndarray, ...], reason: str, line: int | None

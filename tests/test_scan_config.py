@@ -371,6 +371,17 @@ def test_a_folder_of_the_recording_that_is_missing_is_named_by_its_key(tmp_path)
     assert "--output" not in done.stderr
 
 
+def test_an_image_of_another_program_is_named_before_the_scan(tmp_path, monkeypatch) -> None:
+    """It was after it: the axes had moved, and there was no page."""
+    monkeypatch.chdir(tmp_path)
+    Path("scan.toml").write_text(SIMULATED + AXES)
+    Path("scan-height-retrace.gsf").write_text("not ours")
+    monkeypatch.setattr("truestroke.cli.realtime.follow", lambda *_: pytest.fail("it moved"))
+    done = CliRunner().invoke(main, ["scan", "--config", "scan.toml"])
+    assert done.exit_code == 1
+    assert "scan-height-retrace.gsf: is there and is not an image that truestroke wrote" in done.stderr
+
+
 def test_two_signals_of_one_name_are_refused() -> None:
     twice = tuple(AnalogSignal(name="height", input=f"Dev1/ai{i}") for i in (2, 3))
     with pytest.raises(SettingError, match="signals: name = height, height: must be different"):

@@ -171,6 +171,17 @@ def test_triggers_mark_start_pixels_and_end_of_each_line():
         assert one["pixel"][1:-1].tolist() == list(order)
 
 
+def test_pixels_that_are_shorter_than_a_tick_have_no_triggers_of_their_own():
+    scan = EVERY["raster"]
+    most = int((scan.lines["last"] - scan.lines["first"] + 1).min())
+    each = scan.triggers(most)
+    for number in range(scan.lines.size):
+        ticks = each["tick"][(each["line"] == number) & (each["kind"] == "pixel")]
+        assert np.all(np.diff(ticks) > 0)
+    with pytest.raises(SettingError, match=rf"columns = {10**6}: must be at most \d+, or a higher sample rate"):
+        scan.triggers(10**6)
+
+
 def test_the_gate_has_an_edge_for_each_line():
     scan = EVERY["raster"]
     for direction, lines in ((1, 8), (-1, 8), (0, 16)):

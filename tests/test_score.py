@@ -11,6 +11,7 @@ import truestroke
 from truestroke.base.checks import SettingError
 from truestroke.cli import main
 from truestroke.identification import Record, identify, save_model, score, waveform
+from truestroke.report.identified.score import score_page
 
 FS = 500.0
 
@@ -209,3 +210,11 @@ def test_the_interval_is_as_wide_as_the_day_shows(model, gain):
     error = np.abs(found.trace.displacement - found.trace.predicted)[judged]
     assert 0.9 <= found.coverage <= 0.99
     assert 0.7 < found.half_width_um / np.quantile(error, 0.95) < 1.5
+
+
+def test_a_record_that_rests_where_it_is_judged_has_a_page(model, tmp_path):
+    """A straight line through one voltage warned of its rank."""
+    t = np.arange(1000) / FS
+    volts = np.where(t < 0.2, 0.0, 50.0)
+    moved = 15 * volts / 50 + np.random.Generator(np.random.PCG64(2)).normal(0, 0.01, t.size)
+    assert score_page(score(model, (volts, moved, FS)), model).html().startswith("<!DOCTYPE")

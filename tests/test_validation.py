@@ -12,6 +12,7 @@ from truestroke.identification import Record, examine, identify, load_model, sav
 from truestroke.identification.fitting.uncertainty import autocorrelation
 from truestroke.identification.held_out.changed import change
 from truestroke.identification.held_out.jump import jump
+from truestroke.identification.held_out.steps import blocks
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence, evidence, verdict
 from truestroke.model.dynamics import Dynamics, Mode
@@ -33,7 +34,7 @@ def judged(error: np.ndarray) -> tuple[Evidence, tuple[str, ...], str]:
     taken = {"time": T, "volts": X, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
     trace = Trace(**taken, source="", breaks=(), predicted=PREDICTED, half_width=np.full(T.size, 0.1), held_out=held)
     findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
-    jumped = jump(error + NOISE, np.zeros((T.size, 0)), np.zeros((0, 0)), X, T.size / findings.strokes)
+    jumped = jump(blocks(error + NOISE, np.zeros((T.size, 0)), np.zeros((0, 0)), X), T.size / findings.strokes)
     found = evidence(trace, (T, error + NOISE), autocorrelation(error + NOISE), findings, jumped=jumped)
     rms = float(np.sqrt(np.mean((error + NOISE)[held] ** 2)))
     whole = verdict(found, HeldOut(rms, 3 * rms, 100 * rms / np.ptp(z), 0.0, int(held.sum()), 0.95), findings)
@@ -134,7 +135,8 @@ def test_an_error_that_is_in_some_parts_of_the_record_is_no_change_of_the_gain()
     gain[1700:], later[1700:] = 0.04, 1.0
     places = np.arange(4000) // 200 % 4 == 1
     nothing = np.zeros((4000, 0)), np.zeros((0, 0)), z
-    found = [change(noise + error, *nothing, z, rate) for error in (gain * z, 4 * gain * z * places, -later * rate)]
+    errors = gain * z, 4 * gain * z * places, -later * rate
+    found = [change(blocks(noise + error, *nothing), z, rate) for error in errors]
     assert found[0] == ("gain", pytest.approx(0.04, abs=0.01), pytest.approx(1700, abs=80))
     assert found[1] is None
     assert found[2] == ("delay", pytest.approx(1.0, abs=0.2), pytest.approx(1700, abs=80))
@@ -145,7 +147,9 @@ def test_a_step_of_the_voltage_and_a_new_end_of_its_range_are_no_jump_of_the_zer
     rest = np.random.Generator(np.random.PCG64(0)).standard_normal(4000) + 2.0 * (np.arange(4000) >= 1700)
     wave = np.cos(np.arange(4000) / 30.0)
     steps, further = wave + 5.0 * (np.arange(4000) >= 1700), wave * np.where(np.arange(4000) >= 1690, 2.0, 1.0)
-    found = [jump(rest, np.zeros((4000, 0)), np.zeros((0, 0)), volts, 100.0) for volts in (wave, steps, further)]
+    found = [
+        jump(blocks(rest, np.zeros((4000, 0)), np.zeros((0, 0)), volts), 100.0) for volts in (wave, steps, further)
+    ]
     assert [one is not None for one in found] == [True, False, False]
 
 
@@ -488,3 +492,27 @@ def test_a_zero_that_drifts_far_is_a_reason(share: float, said: bool) -> None:
     found = evidence(trace, (T, NOISE), np.array([1.0, 0.1]), findings, drift)
     reasons = verdict(found, HeldOut(0.01, 0.03, 0.03, 0.1, 8000, 0.95), findings).reasons
     assert any("The zero drifts by" in reason for reason in reasons) == said
+
+
+def test_motion_beside_a_zero_that_moves_is_compared_with_a_straight_line_by_itself() -> None:
+    """As of a thermal cycle beyond which a drift was extended: it was bad, worse than a straight line."""
+    moves = 5.0 * np.clip((T - 12.0) / (T[-1] - 12.0), 0.0, 1.0)
+    found, reasons, level = judged(moves + 0.7 * np.sin(40.0 * T))
+    assert level == "doubtful"
+    assert found.over_line < 0.5
+    assert any("is slow: drift, creep, or a zero that moved" in reason for reason in reasons)
+
+
+def test_an_error_that_grows_all_the_time_does_not_begin_at_the_first_voltage_that_was_not_fitted() -> None:
+    """Of a zero that moves on while the voltage leaves the fitted range by chance."""
+    held, volts = T >= 12.0, np.where(T >= 14.0, 1.5, 1.0) * X
+    reached = float(T[np.flatnonzero(volts > 1.03 * X.max())[0]])
+    z = PREDICTED + NOISE
+    taken = {"time": T, "volts": volts, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
+    growing, sudden = 0.5 * np.maximum(T - 12.0, 0.0), np.where(reached <= T, 2.0, 0.1)
+    left = []
+    for error in (growing, sudden):
+        trace = Trace(**taken, source="", breaks=(), predicted=z - error, half_width=np.ones(T.size), held_out=held)
+        findings = examine(Record.from_arrays(X, z, sample_rate=RATE))
+        left.append(evidence(trace, (T, NOISE), autocorrelation(NOISE), findings).left_s)
+    assert left == [0.0, pytest.approx(reached, abs=0.05)]

@@ -616,7 +616,8 @@ typedef struct {
     ts_real known, variance;          /* cycles per tick, and its relative variance; 0: not known */
     ts_real lag;                      /* ticks of dead time and lag behind the plays, where it is known */
     ts_real motion, power;            /* of the last window: cycles per tick of the motion, um^2 of the error */
-    ts_real driven;                   /* of the last window that showed it: share of the residual of ringing alone that the plays explain */
+    ts_real driven;                   /* of the last window that showed it: share of the residual of ringing alone that the plays explain, */
+    ts_real sensitivity;              /* and how far fewer plays move it, over it */
     ts_real swept;                    /* cycles per tick: where the search goes on behind a window about what is known; 0: about that */
     ts_real motion_filter[3], noise_filter[3];
     ts_real first[TS_SHOWN + 1];      /* of the plays, V, and of the measurement, um */
@@ -657,13 +658,17 @@ typedef struct {
     const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
 } ts_search;
 
-/* A stage that is shown, before it is in the model: what it would have missed in a window of the estimate, beside what the law misses. */
+/* A stage that is shown, before it is in the model: what it would have missed in a window of the estimate, beside what the law misses, and
+ * by what that is less: the weights beside the stage. */
 typedef struct {
     ts_real frequency;                /* cycles per tick; 0: there is none */
     ts_real section[4], direct;       /* of its dynamics */
     ts_real strain, made[2];          /* um: of the tick before; what the section made of it then, and before that */
-    ts_real ticks, product;           /* so far; sum of what it misses times the velocity, */
-    ts_real missed[2], speed[2], own[2]; /* sums of what it misses, of the velocity, and of what the law misses, and of their squares */
+    ts_real first, ticks;             /* um: what it makes in the first tick; so many so far, and sums: */
+    ts_real missed[2], speed[2], level[2], own[2]; /* of what it misses, the velocity, what it makes beyond the first, and what the law misses, and of their squares, */
+    ts_real missed_speed, missed_level, speed_level; /* and of products */
+    ts_real shown;                    /* cycles per tick: the one of the last window; 0: there was none, or it shows no gain and lag, */
+    ts_real gain, lag, offset;        /* 1, s, um: what it misses least with, beside the weights; without a dead time */
     ts_real worse;                    /* cycles per tick: one that missed much more than the law in the last window; 0: none did */
 } ts_candidate;
 

@@ -128,7 +128,7 @@ TS_API void ts_lead_of_dead_time(int dead, ts_real *first, ts_real *second, ts_r
 TS_API void ts_make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead);
 TS_API void ts_adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest);
 TS_API void ts_begin_anew(ts_controller *c);
-TS_API void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing);
+TS_API void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const ts_candidate *shown);
 TS_API void ts_forget_stage(ts_controller *c);
 TS_API void ts_give_up_stage(ts_controller *c);
 TS_API bool ts_is_identified(const ts_controller *c);
@@ -145,6 +145,7 @@ TS_API bool ts_was_good(const ts_controller *c);
 TS_API bool ts_shows_gain(const ts_controller *c);
 TS_API ts_real ts_least_slope(const ts_controller *c, ts_real rate);
 TS_API void ts_take_first(ts_controller *c, bool gain_only);
+TS_API void ts_move_offset(ts_controller *c, ts_real by);
 TS_API void ts_keep_start(ts_controller *c);
 TS_API void ts_begin_growth(ts_controller *c, bool first);
 TS_API void ts_end_growth(ts_controller *c);

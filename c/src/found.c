@@ -23,6 +23,9 @@
 #define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much, */
 #define BY_CHANCE 6               /* and with more than so many such errors in a window: noise alone has half of them */
 #define TRIED ((ts_real)0.1)      /* of a stage that missed more than the law: what is shown so near to it is it */
+#define MOST_SENSITIVE ((ts_real)0.2) /* of a resonance: where fewer plays move it further, it is as doubtful as one after another that failed, */
+#define KNOWN ((ts_real)0.01)     /* until its relative deviation is so small; */
+#define STANDS_ALONE ((ts_real)0.1) /* further than this, ringing alone does not show it, where the law is good without it */
 #define AGREES ((ts_real)0.05)    /* with the resonance that the estimate knows: its lag is that of this stage, and the last window is one of it */
 #define SEEN ((ts_real)4e-3)      /* of the motion's range: a smaller error of what is good shows no other resonance */
 #define TURNS ((ts_real)0.2)      /* radians at the resonance: a smaller lag is a matter of the weights */
@@ -131,9 +134,9 @@ void ts_make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead)
 }
 
 /* A weight is 0, independent of all others, with this variance. */
-static void put_weight(ts_controller *c, int place, ts_real variance)
+static void put_weight(ts_controller *c, int place, ts_real weight, ts_real variance)
 {
-    c->w[place] = 0;
+    c->w[place] = weight;
     ts_kalman_separate(&c->law.kalman, place, variance, c->parameters);
 }
 
@@ -193,9 +196,29 @@ static void damp(ts_controller *c, ts_real frequency, int ticks)
     memcpy(c->feedback.damping, filter, sizeof filter);
 }
 
+/* The first tick of the strains that a stage knows. */
+static uint64_t first_strain(const ts_controller *c)
+{
+    uint64_t now = c->counters.commands, first = c->lagged.ticks < LATE ? 0 : c->lagged.ticks - LATE;
+    return first + TS_HISTORY < now ? now - TS_HISTORY : first;
+}
+
+/* The last strains, and the weights that give them, with this gain and offset, um; the strains also with a weight of the lag, s. */
+static void restate(ts_controller *c, ts_real gain, ts_real offset, ts_real lag)
+{
+    uint64_t now = c->counters.commands;
+    for (uint64_t k = first_strain(c); k < now; k++) {
+        ts_real *strain = &c->dynamics.strain[k % TS_HISTORY];
+        *strain = gain * *strain + offset + lag * c->motion[k % TS_HISTORY].zdot_d;
+    }
+    for (int i = 0; i < c->parameters; i++) c->w[i] = within(gain * c->w[i], -TS_LARGEST, TS_LARGEST);
+    ts_move_offset(c, offset);
+}
+
 /* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
- * misses, and so is what the rate weights have learned. */
-void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
+ * misses, and so is what the rate weights have learned. What the last window has `shown` that the weights miss beside it is in
+ * them from now on; NULL: nothing. */
+void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const ts_candidate *shown)
 {
     const ts_settings *s = c->settings;
     ts_kalman *k = &c->law.kalman;
@@ -204,6 +227,8 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
     int dead = dead_time(c, frequency, again ? c->found.dead : 1);
     ts_make_dynamics(&c->found, frequency, s->oscillation.tick, dead);
+    ts_real left = shown != NULL ? within(shown->lag + (ts_real)dead * s->oscillation.tick, -TS_LARGEST, TS_LARGEST) : 0;
+    if (shown != NULL) restate(c, 1 + shown->gain, shown->offset, left);
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
@@ -216,12 +241,12 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing)
     c->stage.inertia = 0;
     int place = c->of_plays + s->terms[TS_CREEP];
     ts_real lag = FOUND_LAG * time + (frequency > STIFF ? s->oscillation.tick : 0);
-    if (s->terms[TS_LAG] > 0) put_weight(c, place++, lag * lag);
-    if (s->terms[TS_INERTIA] > 0) put_weight(c, place, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
+    if (s->terms[TS_LAG] > 0) put_weight(c, place++, left, lag * lag + left * left);
+    if (s->terms[TS_INERTIA] > 0) put_weight(c, place, 0, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
     for (int i = 0, at = 0; i < s->plays; i++, at++)
         if (s->rate_dependent[i]) {
             at++;
-            put_weight(c, at, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
+            put_weight(c, at, 0, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
         }
     k->started = c->ringing.started = false;
     damp(c, frequency, dead + c->answered);
@@ -299,7 +324,7 @@ bool ts_stage_is_shown(ts_controller *c)
     if (moved * moved > FURTHER * FURTHER) return false;
     if (moved * moved > MOVED * MOVED) {
         c->stage.resonance = r->known;
-        ts_adopt_stage(c, r->known, 0);
+        ts_adopt_stage(c, r->known, 0, NULL);
     }
     return true;
 }
@@ -352,6 +377,13 @@ static bool is_late(const ts_controller *c)
     return lag > WHOLE && lag * 2 * TS_PI * r->known > TURNED && shown_dead(r, c->found.dead) != c->found.dead;
 }
 
+/* Whether the last window has shown what the weights miss beside the stage that is put into the model: in a slow motion a load does. */
+static bool shows_rest(const ts_controller *c)
+{
+    ts_real shown = c->candidate.shown / c->stage.resonance - 1;
+    return !c->found.known && c->settings->terms[TS_LAG] > 0 && size_of(shown) < TRIED && c->resonance.motion > SLOWEST * c->stage.resonance;
+}
+
 /* Whether the stage is put into the model, or its resonance or dead time there replaced: the motion is fast enough that it matters, and the error
  * larger than noise; or it rings. */
 static bool matters(const ts_controller *c)
@@ -361,7 +393,9 @@ static bool matters(const ts_controller *c)
     bool assumed = c->found.known && is_assumed(c);
     bool bursts = !c->found.known && r->windows > 0 && r->power > burst_of(c);
     if (bursts && !(r->driven > DRIVEN)) return false;
-    ts_real certain = c->stage.failed || dynamics_of(c)->known ? CERTAIN : CERTAIN_AT_FIRST;
+    bool sensitive = r->sensitivity > MOST_SENSITIVE && r->variance > KNOWN * KNOWN;
+    bool doubtful = c->stage.failed || (c->guard.kept && !bursts && sensitive);
+    ts_real certain = doubtful || dynamics_of(c)->known ? CERTAIN : CERTAIN_AT_FIRST;
     if (!(ts_resonance_suffices(r) || bursts) || (r->variance > certain * certain && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
     if (c->found.known) {
@@ -383,9 +417,10 @@ static bool matters(const ts_controller *c)
     ts_real least = noisy(c), large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
     bool fast = r->motion > SLOWEST * r->known, worse = size_of(c->candidate.worse / r->known - 1) < TRIED;
     if (fast && worse && !bursts) return false;
-    if (c->stage.failed && c->guard.kept && least < large * large) least = large * large; /* one that was found was worse than none */
+    if (doubtful && c->guard.kept && least < large * large) least = large * large;
     if (fast && r->power > least) return true;
-    ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard), ringing = c->stage.failed ? 0 : ts_resonance_ringing(r);
+    if (doubtful || (c->guard.kept && r->sensitivity > STANDS_ALONE)) return false;
+    ts_real rings = SHAKEN * ts_guard_range(&c->guard, &c->settings->guard), ringing = ts_resonance_ringing(r);
     return ringing > rings * rings && ringing * (ts_real)r->window > BY_CHANCE * noisy(c);
 }
 
@@ -396,9 +431,8 @@ static void forget_lag(ts_controller *c)
     const int *n = c->settings->terms;
     int place = c->of_plays + n[TS_CREEP];
     ts_real lag = n[TS_LAG] > 0 ? c->w[place] : 0, inertia = n[TS_INERTIA] > 0 ? c->w[place + n[TS_LAG]] : 0;
-    uint64_t now = c->counters.commands, first = c->lagged.ticks < LATE ? 0 : c->lagged.ticks - LATE;
-    if (first + TS_HISTORY < now) first = now - TS_HISTORY;
-    for (uint64_t k = first; k < now; k++) {
+    uint64_t now = c->counters.commands;
+    for (uint64_t k = first_strain(c); k < now; k++) {
         const ts_motion *d = &c->motion[k % TS_HISTORY];
         c->dynamics.strain[k % TS_HISTORY] -= lag * d->zdot_d + inertia * d->zddot_d;
     }
@@ -487,7 +521,8 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     c->stage.resonance = assumes ? s->resonance : r->known;
     c->guard.settled = c->guard.settled && c->guard.lost; /* else it was no wrong sensor: there is nothing to return to */
     forget_lag(c);
+    bool takes = !assumes && shows_rest(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
-    ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power));
+    ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power), takes ? &c->candidate : NULL);
     if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

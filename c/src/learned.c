@@ -98,7 +98,8 @@ static void follow_gain(ts_controller *c, const ts_real *u, ts_real z)
     g->square = within(g->square + g->expected * g->expected, 0, TS_LARGEST * TS_LARGEST);
 }
 
-static void move_offset(ts_controller *c, ts_real by)
+/* The weight of the offset moves by so much, um. */
+void ts_move_offset(ts_controller *c, ts_real by)
 {
     if (!c->settings->terms[TS_OFFSET]) return;
     ts_real *offset = &c->w[ts_column(c->settings, TS_OFFSET)];
@@ -157,7 +158,7 @@ void ts_take_first(ts_controller *c, bool gain_only)
     int changed = gain_only ? c->of_plays : c->parameters;
     memcpy(c->w, c->kept.first, sizeof(ts_real) * (size_t)changed);
     for (int i = 0; i < c->of_plays; i++) c->w[i] *= gain;
-    if (shown && !gain_only) move_offset(c, g->first - gain * g->from);
+    if (shown && !gain_only) ts_move_offset(c, g->first - gain * g->from);
 }
 
 /* Other weights; earlier ones miss what has drifted since. While weights are held the filters of the law are not started: those of the
@@ -167,8 +168,8 @@ static void take_weights(ts_controller *c, const ts_real *w, bool earlier)
     const ts_kalman *k = &c->law.kalman;
     ts_real before = model(c, c->u);
     memcpy(c->w, w, sizeof(ts_real) * (size_t)c->parameters);
-    if (earlier && k->started) move_offset(c, k->y - model(c, k->u));
-    else if (earlier && c->guard.at_start) move_offset(c, before - model(c, c->u));
+    if (earlier && k->started) ts_move_offset(c, k->y - model(c, k->u));
+    else if (earlier && c->guard.at_start) ts_move_offset(c, before - model(c, c->u));
     hand_over(c);
 }
 
@@ -345,7 +346,7 @@ static void watch_growth(ts_controller *c, ts_real noise)
     g->speed += c->rate * c->rate;
     g->ticks += 1;
     g->pace += c->rate * c->rate;
-    if (g->held > 0) move_offset(c, guard->drift);
+    if (g->held > 0) ts_move_offset(c, guard->drift);
     if (guard->ticks > 0) return; /* within a window */
     if (has_risen(c, noise) && !(g->held > 0)) {
         keep_least(c, c->kept.w, guard->best, root_of(g->paced / (ts_real)c->settings->guard.window));
@@ -432,7 +433,7 @@ void ts_watch_learning(ts_controller *c, ts_real error, ts_real z_d, bool counts
     if (g->kept != kept && !g->lost) memset(&c->kept.watch, 0, sizeof c->kept.watch);
     if (g->ticks == 0 && is_given(c)) doubt_dynamics(c, g->error);
     if (g->ticks == 0) doubt_outgrown(c);
-    if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) move_offset(c, g->drift);
+    if (g->held > 0 || k->caution > CAUTIOUS * (k->sigma * k->sigma)) ts_move_offset(c, g->drift);
     if (g->held == 0 && g->ticks == 0) k->caution *= 1 - (ts_real)0.8 / (ts_real)g->wait;
     watch_growth(c, noise);
     c->flags.restored = is_restored(c);
@@ -456,7 +457,7 @@ static void recall(ts_controller *c, ts_real offset)
     k->sigma = c->kept.sigma;
     k->disturbance = k->caution = 0;
     take_weights(c, c->kept.w, false);
-    move_offset(c, offset);
+    ts_move_offset(c, offset);
     ts_keep_weights(c, true);
     ts_keep_command(c);
     ts_guard_recall(&c->guard);

@@ -356,6 +356,7 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     w.lag = dead_time_of(w.lag / (2 * ts_tangent(TS_PI * r->centre)), 2 * TS_PI * f0);
     w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio) + corrected * corrected;
     r->driven = share;
+    r->sensitivity = w.sensitivity;
     if (f0 > NEAREST * r->centre && f0 < FURTHEST * r->centre) w.f0 = f0;
     return w;
 }

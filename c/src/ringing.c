@@ -100,7 +100,7 @@ static void know_resonance(ts_controller *c, ts_real frequency)
     bool late = s->ticks > 0 || s->share > 0 || s->lag > 0;
     if (c->stage.failed || late || c->lagged.ticks < c->stage.since + 4) return;
     if (!c->guard.kept) ts_begin_anew(c);
-    ts_adopt_stage(c, frequency, c->oscillation.peaks[0]);
+    ts_adopt_stage(c, frequency, c->oscillation.peaks[0], NULL);
 }
 
 /* Whether the last half-waves are those of a ringing that decays: the last one is smaller than the first, and none is twice as large as
@@ -146,7 +146,7 @@ void ts_watch_stage(ts_controller *c, ts_real error, ts_real zdot_d, bool limite
         c->flags.oscillating = false;
         ts_resonance_look(&c->resonance, c->stage.resonance);
         ts_begin_anew(c);
-        ts_adopt_stage(c, c->stage.resonance, o->peaks[0]);
+        ts_adopt_stage(c, c->stage.resonance, o->peaks[0], NULL);
         return;
     }
     if (c->stage.rest > 0) {

@@ -42,6 +42,7 @@ UNITS = {"HZ": "Hz", "S": "s", "UM": "um", "UM/S": "um/s", "V": "V", "V/S": "V/s
 LONGEST_HELP = 200  # characters of the sentence about a command
 PIPE_WIDTH = 120  # columns of a table where there is no terminal
 LONG = 20.0  # s: what takes longer says so before it begins
+SPACE = 5e6  # bytes: a page and the small files beside it take less
 GAP = 2  # characters between the columns of a table
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]  # a decorator of a command
 
@@ -293,6 +294,7 @@ def _to_fill(_: click.Context, parameter: click.Parameter, folder: Path | None) 
         if not there.is_dir() or not _can_be_filled(there):
             why = "cannot be written" if there.is_dir() else "is a file"
             raise click.ClickException(f"{parameter.opts[0]} {folder}: {there} {why}; choose another folder.")
+        require_space(parameter.opts[0], folder, there)
     return folder
 
 
@@ -371,8 +373,19 @@ def outputs(output: str, *endings: str, option: str = "--output") -> list[Path]:
     return [to_write(option, place, _kind(place.suffix)) for place in places]
 
 
-def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
-    """The file that an option names; an error now rather than later if it cannot be written."""
+def require_space(option: str, file: str | Path, folder: Path, needed: float = SPACE) -> None:
+    """An error now rather than later where the disk of a folder has less space than this, bytes."""
+    disk = shutil.disk_usage(folder)
+    if disk.total > 0 and disk.free < needed:  # some file systems state no size
+        free = f"{disk.free / 1e6:.1f} MB are free on its disk, {needed / 1e6:.0f} MB are needed"
+        raise click.ClickException(f"{option} {file}: {free}; choose another folder, or delete something.")
+
+
+def to_write(option: str, file: str | Path, kind: files.Kind, needed: float = SPACE) -> Path:
+    """The file that an option names; an error now rather than later if it cannot be written.
+
+    `needed` is the free space of its disk, bytes.
+    """
     path = Path(file)
     if path.is_dir():
         raise click.UsageError(f"{option} {file}: is a folder; name a file.")
@@ -381,6 +394,7 @@ def to_write(option: str, file: str | Path, kind: files.Kind) -> Path:
         raise click.ClickException(f"{option} {file}: there is no folder {path.parent}; make it: {made}")
     if not (os.access(path, os.W_OK) if path.exists() else _can_be_filled(path.parent)):
         raise click.ClickException(f"{option} {file}: cannot be written; choose another {option}.")
+    require_space(option, file, path.parent, needed)
     _refuse_an_input(option, path)
     try:
         files.check(path, kind)

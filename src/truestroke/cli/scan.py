@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,10 +59,16 @@ def scan(
     from concurrent.futures import ThreadPoolExecutor
     from importlib import import_module
 
-    from truestroke.studies.scanning.imaging import PIXELS, expected, image, planned, seconds_for
+    from truestroke.studies.scanning.imaging import NAMES, PIXELS, expected, image, planned, seconds_for
 
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
-    _check_images(page_file, endings)
+    names = [
+        f"{name}, {sample}, {way}"
+        for name in NAMES
+        for sample in ("grating", "texture")
+        for way in ("trace", "retrace")
+    ]
+    _check_images(page_file, endings, names, PIXELS**2)
     stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
     if seconds_for(rate) > common.LONG:
         system.return_memory()  # a tenth of the time of fast rows
@@ -102,20 +108,29 @@ def _say(words: str, as_json: bool) -> None:
 # ---- Files of images -----------------------------------------------------------------------------------------------
 
 
-def _check_images(page_file: Path, endings: tuple[str, ...], option: str = "--output") -> None:
-    """An error now rather than after the scan, where they cannot be written."""
+def _check_images(
+    page_file: Path, endings: tuple[str, ...], names: Sequence[str], pixels: int, option: str = "--output"
+) -> None:
+    """An error now rather than after the scan, where images of these names, with so many pixels, cannot be written."""
     from truestroke.signals.scans import image_files
 
+    needed = common.SPACE + 8 * pixels * len(names) * len(endings)
     for ending in endings:
         image_files.require_library(Path(f"image.{ending}"))
-        if ending != "gsf":
-            common.to_write(option, page_file.with_suffix(f".{ending}"), image_files.IMAGE)
+        each = [_gsf(page_file, name) for name in names]
+        for file in each if ending == "gsf" else [page_file.with_suffix(f".{ending}")]:
+            common.to_write(option, file, image_files.IMAGE, needed)
+
+
+def _gsf(page_file: Path, name: str) -> Path:
+    """The file of one image: its name is behind that of the page."""
+    return page_file.with_name(f"{page_file.stem}-{name.replace(', ', '-').replace(' ', '-')}.gsf")
 
 
 def _save_images(
     page_file: Path, endings: tuple[str, ...], images: list[Image], scan: truestroke.scans.Scan
 ) -> list[Path]:
-    """All images in each format; a .gsf holds one, whose name is behind that of the page."""
+    """All images in each format; a .gsf holds one."""
     from truestroke import scans
 
     written = []
@@ -123,9 +138,7 @@ def _save_images(
         if ending != "gsf":
             written.append(scans.save_images(page_file.with_suffix(f".{ending}"), images, scan=scan))
             continue
-        for one in images:
-            name = one.name.replace(", ", "-").replace(" ", "-")
-            written.append(scans.save_images(page_file.with_name(f"{page_file.stem}-{name}.gsf"), one))
+        written += [scans.save_images(_gsf(page_file, one.name), one) for one in images]
     return written
 
 
@@ -153,7 +166,10 @@ def _on_hardware(
     ending = ".h5" if output else job.file.suffix or ".h5"
     option = "--output" if output else f"{config}: recording.file"
     recording, page_file = common.outputs(output or str(job.file.with_suffix("")), ending, ".html", option=option)
-    _check_images(page_file, endings, option)
+    names, most = [imaging.signal.name], imaging.columns * max(imaging.columns, imaging.scan.lines.size)
+    if imaging.scan.name == "raster":
+        names = [f"{names[0]}, {way}" for way in ("trace", "retrace")]
+    _check_images(page_file, endings, names, most, option)
     command, server = ("scan --live", job.live) if live else ("scan", None)
     done = realtime.follow(command, config, job, recording, files.replacing(), as_json, server)
     if done.outcome.reason:
@@ -170,9 +186,9 @@ def _on_hardware(
 
         pictures = common.save_page(report.page(found, verdict, common.to_repeat(), done.recordings), page_file, plots)
     if as_json:
-        names = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
+        paths = {"page": str(page_file), "images": [str(one) for one in written], "pictures": pictures}
         run = realtime.as_dict(done, code)
-        common.print_json({**run, **verdict.as_dict(), **found.as_dict(), **names})
+        common.print_json({**run, **verdict.as_dict(), **found.as_dict(), **paths})
         return code
     realtime.print_run(done)
     click.echo()

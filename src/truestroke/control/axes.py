@@ -40,6 +40,7 @@ from truestroke.signals.trajectories import Trajectory
 
 PARTS = ("position", "velocity", "acceleration")
 LIMITED = BIT["saturated"] | BIT["slewed"]
+REJECTED = BIT["rejected"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +233,8 @@ class MultiAxisController(Displayed):
             tick = self._tick - ago
             desired = self._known.at(tick)[::3]
             for i, (axis, z, one) in enumerate(zip(self.axes.values(), found, self.learned.values(), strict=True)):
-                one.put(tick, math.nan if axis.flag_bits & LIMITED else z - desired[i])
+                bits = axis.flag_bits
+                one.put(tick, math.inf if bits & LIMITED else math.nan if bits & REJECTED else z - desired[i])
 
     def see(self, known: AxesMotion, tick: int, measured: FloatArray, flags: npt.NDArray[np.uint8]) -> None:
         """What the sensors read in a tick and those that follow it, um, shape (ticks, axes), and the flags of them.
@@ -243,7 +245,8 @@ class MultiAxisController(Displayed):
         if self._rows is not None:
             turned = [sum(share * measured[:, j] for j, share in enumerate(row)) for row in self._rows]
             measured = np.stack(turned, axis=1)
-        error = np.where(flags & LIMITED, np.nan, measured - known.positions(slice(tick, tick + len(measured))))
+        error = np.where(flags & REJECTED, np.nan, measured - known.positions(slice(tick, tick + len(measured))))
+        error[(flags & LIMITED) > 0] = np.inf
         for i, one in enumerate(self.learned.values()):
             one.see(tick, error[:, i])
 

@@ -155,6 +155,8 @@ class ResonanceEstimator:
     driven : float
         In the last window that showed a resonance: the share that the plays explain of the residual of an equation
         without them. A tone that the voltage does not drive has a small one.
+    sensitivity : float
+        In the same window: how far fewer plays move the resonance, over it, at most 1.
     windows : int
         That made it known.
     motion, power : float
@@ -184,8 +186,8 @@ class ResonanceEstimator:
     """
 
     def __init__(self) -> None:
-        self.centre = self.known = self.variance = self.lag = self.motion = self.power = self.driven = 0.0
-        self.load = self.load_at = 0.0
+        self.centre = self.known = self.variance = self.lag = self.motion = self.power = 0.0
+        self.driven = self.sensitivity = self.load = self.load_at = 0.0
         self.ticks = self.windows = 0
         self._pointed = 0  # windows that pointed elsewhere since one showed a resonance, or since the search began
         self._speed = self._change = self._error = 0.0  # sums of a window
@@ -492,7 +494,7 @@ class ResonanceEstimator:
         if not of_ratio < deviation * deviation:
             return _Window(sensitivity=sensitivity, left=left, points=f0)
         lag = _dead_time(lag / (2 * tangent(math.pi * self.centre)), 2 * math.pi * f0)
-        self.driven = share
+        self.driven, self.sensitivity = share, sensitivity
         within = NEAREST * self.centre < f0 < FURTHEST * self.centre
         variance = trust * trust * of_ratio / (4 * ratio * ratio) + corrected * corrected
         return _Window(f0 if within else 0.0, variance, lag, sensitivity, left, f0)

@@ -25,6 +25,7 @@ from truestroke.identification.fitting.structure import Fit
 from truestroke.identification.held_out import validation
 from truestroke.identification.held_out.changed import change
 from truestroke.identification.held_out.jump import jump
+from truestroke.identification.held_out.steps import blocks
 from truestroke.identification.held_out.trace import HeldOut, Trace
 from truestroke.identification.held_out.validation import Evidence
 from truestroke.identification.records.record import Record, as_record
@@ -191,10 +192,10 @@ def identify(
     fit = taken.time[final.rows], residual
     of_zero = final.drift(taken.volts.size)
     stroke = residual.size / max(findings.strokes, 1)
-    at_rows = residual, final.columns, final.pull, taken.volts[final.rows]
+    of_fit = blocks(residual, final.columns, final.pull, taken.volts[final.rows])
     moves = taken.displacement[final.rows] - residual, central_difference(predicted, fs)[final.rows]
-    changed = change(*at_rows, *moves)
-    jumped = None if changed else jump(*at_rows, stroke)
+    changed = change(of_fit, *moves) if of_fit else None
+    jumped = jump(of_fit, stroke) if of_fit and not changed else None
     evidence = validation.evidence(trace, fit, white[0], findings, of_zero, part.rows, jumped, changed)
     found = response if known is None else None
     branched = part.model.branches is not None, final.model.branches is not None

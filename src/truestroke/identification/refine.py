@@ -334,10 +334,10 @@ def _fitted(model: ActuatorModel, data: Data, skip: int) -> ActuatorModel:
         c = normal.solve(prior.rows(weight), *data.constraints(s, velocity), above=shown)
     made = data.model(s, c, velocity)
     residual = measured - data.through(made.strain(data.volts, fs, rest=data.rest))[:: data.every][skip:]
-    P = uncertainty.covariance(J, shown[:-1, :-1], residual, prior, weight)
+    F = uncertainty.covariance_root(J, shown[:-1, :-1], residual, prior, weight)[: s.parameters]
     times = {"delay": model.delay, "time_constant": model.time_constant, "dynamics": model.dynamics}
     plain = None if model.plain is None else _fitted(model.plain, data, skip)
-    return made.replace(covariance=P[: s.parameters, : s.parameters], noise=rms(residual), plain=plain, **times)
+    return made.replace(covariance=F @ F.T, noise=rms(residual), plain=plain, **times)
 
 
 def _prior(model: ActuatorModel, s: Structure, data: Data) -> Prior:

@@ -140,8 +140,7 @@ def _moved(known: Any, controller: Axes, actuator: Any, timing: Timing, log: _Lo
 
 def _is_native(controller: Axes, actuator: Any) -> bool:
     """Whether no tick needs Python: a `MultiAxisStage`, and axes whose calls are those of the kernel."""
-    plain = (MultiAxisStage.open, MultiAxisStage.exchange) == (type(actuator).open, type(actuator).exchange)
-    moves = type(actuator) is MultiAxisStage and plain and not {"open", "exchange"} & vars(actuator).keys()
+    moves = type(actuator) is MultiAxisStage and not {"open", "exchange"} & vars(actuator).keys()
     usual = type(controller) is MultiAxisController and not {"follow", "adapt"} & vars(controller).keys()
     return (
         moves and usual and all(type(a) is AdaptiveController and native.is_usual(a) for a in controller.axes.values())

@@ -9,6 +9,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw
 from truestroke.control.angles import tangent
 from truestroke.control.guard import FIRST_WAIT
 from truestroke.control.reference import candidate
+from truestroke.control.reference.candidate import Candidate
 from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.first import is_identified, shows_gain
 from truestroke.control.reference.hum import power_of_hum
@@ -39,6 +40,9 @@ NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much,
 BY_CHANCE = 6  # and with more than so many such errors in a window: noise alone has half of them
 TRIED = 0.1  # of a stage that missed more than the law: what is shown so near to it is it
+MOST_SENSITIVE = 0.2  # of a resonance: where fewer plays move it further, it is as doubtful as one after a failure,
+KNOWN = 0.01  # until its relative deviation is so small;
+STANDS_ALONE = 0.1  # further than this, ringing alone does not show it, where the law is good without it
 AGREES = 0.05  # with the resonance that the estimate knows: its lag is that of this stage, and the last window is of it
 SEEN = 4e-3  # of the motion's range: a smaller error of what is good shows no other resonance
 TURNS = 0.2  # radians at the resonance: a smaller lag is a matter of the weights
@@ -151,14 +155,35 @@ def doubt_learned(c: State, law: FilteringLaw, frequency: float) -> None:
     law.wait(int(1 / frequency))
 
 
-def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -> None:
+def last_strains(c: State) -> range:
+    """The ticks of the strains that a stage knows."""
+    now = c.counters["commands"]
+    return range(max(c.lagged.ticks - LATE, now - HISTORY, 0), now)
+
+
+def restate(c: State, law: FilteringLaw, gain: float, offset: float, lag: float) -> None:
+    """The last strains, and the weights that give them, with this gain and offset, um.
+
+    The strains also with a weight of the lag, s.
+    """
+    for tick in last_strains(c):
+        c.stage.strain[tick] = gain * c.stage.strain[tick] + offset + lag * c.waiting[tick].motion.zdot_d
+    law.weights = np.clip(gain * c.weights, -LARGEST, LARGEST)
+    move_offset(c, law, offset)
+
+
+def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float, shown: Candidate | None = None) -> None:
     """From now on the stage is between hysteresis and sensor; it rings by so much, um.
 
-    Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned.
+    Lag and inertia are in it, but for what it misses, and so is what the rate weights have learned. What the last
+    window has `shown` that the weights miss beside it is in them from now on.
     """
     s, stage, tick, before = c.settings, c.stage, c.oscillation.tick, c.path
     again = stage.found
     dead = dead_time(c, frequency, before.dead if again and before is not None else 1)
+    left = 0.0 if shown is None else min(max(shown.lag + dead * tick, -LARGEST), LARGEST)
+    if shown is not None:
+        restate(c, law, 1 + shown.gain, shown.offset, left)
     c.path, stage.found = Stage(found(frequency, tick, dead), s.parameters), True
     if before is None:
         c.path.go_on(c.lagged.ticks, dict(stage.strain), stage.z)
@@ -170,12 +195,14 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float) -
     stage.smoothing, stage.inertia = max(c.members["smoothing"], 1 / (1 + frequency)), 0.0
     lag = FOUND_LAG * time + (tick if frequency > STIFF else 0.0)
     inertia = FOUND_INERTIA * (time * time)
-    places = {s.columns["lag"].start: lag * lag} if s.lag else {}
+    places = {s.columns["lag"].start: lag * lag + left * left} if s.lag else {}
     places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
     rates = np.arange(s.parameters)[s.b].tolist()
     places |= {at: AS_GOOD_AS_NONE * s.prior_covariance[at][at] for at in rates}
     weights = c.weights
     weights[list(places)] = 0.0
+    if s.lag:
+        weights[s.columns["lag"]] = left
     law.weights = weights
     for place, variance in places.items():
         law.separate(place, variance)
@@ -326,6 +353,15 @@ def is_late(c: State) -> bool:
     return lag > WHOLE and lag * 2 * math.pi * known.known > TURNED and shown_dead(c, path.dead) != path.dead
 
 
+def shows_rest(c: State) -> bool:
+    """Whether the last window has shown what the weights miss beside the stage that is put into the model.
+
+    In a slow motion it has not: a load does.
+    """
+    stage, fast = c.stage, c.estimator.motion > SLOWEST * c.stage.resonance
+    return c.settings.lag and fast and not stage.found and abs(c.candidate.shown / stage.resonance - 1) < TRIED
+
+
 def matters(c: State) -> bool:
     """Whether the stage is put into the model, or its resonance or dead time there replaced.
 
@@ -338,7 +374,9 @@ def matters(c: State) -> bool:
     bursts = not stage.found and known.windows > 0 and known.power > burst_of(c)
     if bursts and not known.driven > DRIVEN:
         return False
-    certain = CERTAIN if stage.failed or c.path is not None else CERTAIN_AT_FIRST
+    sensitive = known.sensitivity > MOST_SENSITIVE and known.variance > KNOWN * KNOWN
+    doubtful = stage.failed or (c.kept.guard.kept and not bursts and sensitive)
+    certain = CERTAIN if doubtful or c.path is not None else CERTAIN_AT_FIRST
     if not (known.suffices or bursts) or (known.variance > certain * certain and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
@@ -365,11 +403,13 @@ def matters(c: State) -> bool:
     fast, worse = known.motion > SLOWEST * known.known, abs(c.candidate.worse / known.known - 1) < TRIED
     if fast and worse and not bursts:
         return False
-    if stage.failed and c.kept.guard.kept:  # one that was found was worse than none
+    if doubtful and c.kept.guard.kept:
         least = max(least, large * large)
     if fast and known.power > least:
         return True
-    rings, ringing = SHAKEN * c.kept.guard.range, 0.0 if stage.failed else known.ringing
+    if doubtful or (c.kept.guard.kept and known.sensitivity > STANDS_ALONE):
+        return False
+    rings, ringing = SHAKEN * c.kept.guard.range, known.ringing
     return ringing > rings * rings and ringing * known.window > BY_CHANCE * noisy(c, law)
 
 
@@ -378,9 +418,9 @@ def forget_lag(c: State, law: FilteringLaw) -> None:
 
     Weights that were in their place would be a step of the strain, at which the stage of the model rings.
     """
-    columns, now = c.settings.columns, c.counters["commands"]
+    columns = c.settings.columns
     lag, inertia = (float(law.weights[columns[name]].sum()) for name in ("lag", "inertia"))
-    for tick in range(max(c.lagged.ticks - LATE, now - HISTORY, 0), now):
+    for tick in last_strains(c):
         motion = c.waiting[tick].motion
         less = lag * motion.zdot_d + inertia * motion.zddot_d
         c.stage.strain[tick] -= less
@@ -428,13 +468,15 @@ def loudest_load(c: State) -> float:
 def try_candidate(c: State, z: float, zdot_d: float) -> None:
     """One tick of a law without a stage in its model, with what it has learned.
 
-    The strain is that of all terms but lag and inertia, which the stage has.
+    The strain is that of all terms but the lag, the inertia and the rate weights, which the stage has.
     """
     s, weights = c.settings, c.law.weights
     expected = strain = float(dot(weights, c.u))
     for term in ("lag", "inertia"):
         for place in range(s.parameters)[s.columns[term]]:
             strain -= float(weights[place] * c.u[place])
+    for place in np.arange(s.parameters)[s.b].tolist():
+        strain -= float(weights[place] * c.u[place])
     if c.estimator.ticks == 0 or not c.candidate.frequency > 0:
         c.candidate = candidate.begun(c.estimator.known, c.oscillation.tick, strain, c.candidate.strain)
     if c.candidate.frequency > 0:
@@ -468,7 +510,7 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers, steady)
     c.rate = zdot_d
     if unknown and c.estimator.ticks == 0:
-        c.candidate.end()
+        c.candidate.end(tick)
     if c.estimator.ticks == 0:
         load = c.estimator.load
         law.load = LOAD_COUNTS * law.noise_of_sine(load, c.estimator.load_at) if load > 0 else 0.0
@@ -479,9 +521,11 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     c.stage.resonance = frequency = c.members["resonance"] if assumes else c.estimator.known
     guard.settled = guard.settled and guard.lost  # else it was no wrong sensor: there is nothing to return to
     forget_lag(c, law)
+    takes = not assumes and shows_rest(c)
     if not c.stage.found and (guard.kept or not assumes):  # at the start nothing is learned
         doubt_learned(c, law, frequency)
-    adopt_stage(c, law, frequency, 0.0 if assumes else math.sqrt(c.estimator.power))
+    ringing = 0.0 if assumes else math.sqrt(c.estimator.power)
+    adopt_stage(c, law, frequency, ringing, c.candidate if takes else None)
     if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
         c.stage.growth.late = True  # a burst excites the second mode, too
 

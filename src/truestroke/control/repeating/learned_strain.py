@@ -44,6 +44,7 @@ WORSE = 2.0  # times the error without r: then it is learned from the beginning
 DRIFTS = 1.0  # times the power of the drift within a batch: that from batch to batch
 NOISY = 4.0  # times the variance of its noise: an error with less power says nothing of R
 PERIODIC = 1e-6  # ticks: how near to whole ticks a period has to be
+GAP = 0.2  # of a period: with more missing measurements it does not count
 STEPS = ("_conclude", "_look", "_see", *["_know"] * ROUNDS, "_follow", "_begin")
 """Of the learning from a batch."""
 
@@ -114,8 +115,9 @@ class LearnedStrain:
     """The strain of a period that one axis learns.
 
     A batch has some periods in which the last change of r decays, and some whose mean error counts. A period in which a
-    measurement is missing, or a limit held the voltage, does not count. Where the error becomes twice what it was
-    without r, r begins at 0 again, with what has been learned of the stage.
+    limit held the voltage, or more than `GAP` of the measurements are missing, does not count; what is missing in
+    another one is the mean of the others there. Where the error becomes twice what it was without r, r begins at 0
+    again, with what has been learned of the stage.
 
     Parameters
     ----------
@@ -268,7 +270,7 @@ class LearnedStrain:
         self._held = False
 
     def put(self, tick: int, error: float) -> None:
-        """Measured minus desired displacement in a tick, um; NaN where it is missing.
+        """Measured minus desired displacement in a tick, um; NaN where it is missing, infinite where a limit holds.
 
         The next step of the learning, if one waits, is done here, when the voltage of this tick has left.
         """
@@ -305,8 +307,7 @@ class LearnedStrain:
 
     def _complete(self, tick: int) -> None:
         """A batch is; the next one begins at this tick or before."""
-        counting = self._error.reshape(-1, self.period)[self._decaying :]
-        self._periods = counting[np.isfinite(counting).all(axis=1)]
+        self._periods = filled(self._error.reshape(-1, self.period)[self._decaying :])
         self._first += (tick - self._first) // self._error.size * self._error.size
         self._error[:] = np.nan
         if self._held or len(self._periods) < 2:
@@ -386,6 +387,33 @@ class LearnedStrain:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise SettingError("state", "the learned strain", f"what `state` gave: {error}") from None
         vars(self).update(own)
+
+
+def filled(periods: FloatArray) -> FloatArray:
+    """Those periods that count, and what is missing in them: the mean of the others.
+
+    Parameters
+    ----------
+    periods : ndarray, shape (periods, samples)
+        NaN where a sample is missing, infinite where its period does not count.
+
+    Examples
+    --------
+    >>> rows = np.tile(np.arange(40.0), (3, 1))
+    >>> rows[0, 7], rows[1, 0] = math.nan, math.inf
+    >>> filled(rows)[:, 6:9].tolist()
+    [[6.0, 7.0, 8.0], [6.0, 7.0, 8.0]]
+    """
+    missing = np.isnan(periods)
+    kept = ~np.isinf(periods).any(axis=1) & (missing.mean(axis=1) <= GAP)
+    rows: FloatArray = periods[kept]
+    missing = missing[kept]
+    if not missing.any():
+        return rows
+    seen = (~missing).sum(axis=0)
+    if not seen.all():  # a place that no period shows
+        return np.empty((0, periods.shape[1]))
+    return np.asarray(np.where(missing, np.where(missing, 0.0, rows).sum(axis=0) / seen, rows))
 
 
 KINDS = (FewNumbers, StrainLaw, Turns)

@@ -107,11 +107,14 @@ def examine(record: Record) -> Findings:
 
 
 def _line(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
-    """Slope, height at 0 and correlation of the straight line, without temporary arrays."""
-    n, mx, mz = x.size, float(x.mean()), float(z.mean())
-    xx, xz, zz = float(x @ x) / n - mx * mx, float(x @ z) / n - mx * mz, float(z @ z) / n - mz * mz
+    """Slope, height at 0 and correlation of the straight line, without large temporary arrays."""
+    mx, mz, parts = float(x.mean()), float(z.mean()), -(-x.size // SAMPLED)
+    xx = xz = zz = 0.0
+    for a, b in zip(np.array_split(x, parts), np.array_split(z, parts), strict=True):
+        dx, dz = a - mx, b - mz
+        xx, xz, zz = xx + float(dx @ dx), xz + float(dx @ dz), zz + float(dz @ dz)
     gain = xz / xx
-    return gain, mz - gain * mx, xz / math.sqrt(xx * zz)
+    return gain, mz - gain * mx, xz / math.sqrt(xx) / math.sqrt(zz)
 
 
 def _noise(record: Record, cut: npt.NDArray[np.bool_]) -> float:
@@ -170,9 +173,9 @@ def _area(record: Record, shift: int) -> float:
     """Integral of x dz, um V, with x `shift` samples before; without temporary arrays of the record's size."""
     total = 0.0
     for s in record.segments:
-        x, z = record.volts[s], record.displacement[s]
-        x, z = (x[: x.size - shift], z[shift:]) if shift >= 0 else (x[-shift:], z[: z.size + shift])
-        if x.size > 1:  # sum of (x[k] + x[k+1]) (z[k+1] - z[k]) / 2, products of equal rows cancel
+        x, z, rows = record.volts[s], record.displacement[s], max(s.stop - s.start - abs(shift), 0)
+        x, z = (x[:rows], z[shift:]) if shift >= 0 else (x[-shift:], z[:rows])
+        if rows > 1:  # sum of (x[k] + x[k+1]) (z[k+1] - z[k]) / 2, products of equal rows cancel
             total += 0.5 * float(x[:-1] @ z[1:] - x[1:] @ z[:-1] + x[-1] * z[-1] - x[0] * z[0])
             total -= 0.5 * float((x[0] + x[-1]) * (z[-1] - z[0]))  # the chord that closes the way
     return total

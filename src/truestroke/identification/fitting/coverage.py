@@ -20,6 +20,7 @@ from truestroke.model.sampled import central_difference
 
 LEVEL = 0.95
 LEAST = 0.3  # of the factor
+ROUNDING = 1e-8  # of the stroke: a smaller deviation is none, of a record without noise that the model has exactly
 BINS = 12  # of the velocity
 STILL = 0.25  # of the mean square error: the share that does not grow with the velocity, at least
 GROWTH = 0.16  # of the stroke: the deviation of the error a unit of distance, where the record does not show it
@@ -101,7 +102,8 @@ class Errors:
         growth = 0.0 if model.explored is None else model.explored.growth
         motion = self._motion(model) + (growth * self.distance) ** 2
         of_zero = interval.OF_ZERO**2 * model.walk**2 * self.seconds
-        square = float(np.quantile((self.error**2 - of_zero) / np.maximum(motion, 1e-300), LEVEL))
+        least = (ROUNDING * model.stroke) ** 2
+        square = float(np.quantile((self.error**2 - of_zero) / np.maximum(motion, least), LEVEL))
         return math.sqrt(max(square, LEAST**2))
 
     def _motion(self, model: ActuatorModel) -> FloatArray:

@@ -76,7 +76,7 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray | F
     fitted = data.fitted(s.rested)
     residual = residual[fitted]
     J, R = rows[:, :-1], shown[:-1, :-1]
-    P = _of_model(uncertainty.covariance(J, R, residual, prior, weight), s) if certain else np.zeros((m, m))
+    P = _of_model(uncertainty.covariance_root(J, R, residual, prior, weight), s) if certain else np.zeros((m, m))
     times = {"delay": data.delay, "time_constant": data.time_constant}
     model = model.replace(covariance=P, noise=float(np.sqrt(np.mean(residual**2))), **times)
     of_record = np.flatnonzero(fitted) * data.every
@@ -84,20 +84,17 @@ def fit_structure(data: Data, s: Structure, weight: float, guess: FloatArray | F
     return replace(fit, columns=J, pull=pull[:, :-1]) if certain else fit
 
 
-def _of_model(P: FloatArray, s: Structure) -> FloatArray:
+def _of_model(F: FloatArray, s: Structure) -> FloatArray:
     """Covariance of the weights, whatever starts and drift are; of a model with branches, with these as they are.
 
-    Plays and branches follow each other closely: each by itself is hardly known, and their sum well.
+    Plays and branches follow each other closely: each by itself is hardly known, and their sum well. F F' is the
+    covariance of all coefficients.
     """
-    m, further = s.parameters, P.shape[0] - len(s.further)
-    if not s.further:
-        return P[:m, :m]
-    shared = P[:m, further:]
-    known = P[:m, :m] - shared @ np.linalg.solve(P[further:, further:], shared.T)
-    values, vectors = np.linalg.eigh((known + known.T) / 2)
-    if values[0] >= 0.0:
-        return np.asarray(known)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)  # of a record that shows little, by rounding
+    known, further = F[: s.parameters], F[F.shape[0] - len(s.further) :]
+    if s.further:
+        Q, _ = np.linalg.qr(further.T)
+        known = known - (known @ Q) @ Q.T
+    return np.asarray(known @ known.T)
 
 
 def _linearised(data: Data, s: Structure, z: FloatArray, c: FloatArray) -> tuple[FloatArray, float]:

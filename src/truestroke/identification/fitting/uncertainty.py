@@ -6,18 +6,19 @@ import numpy as np
 import numpy.typing as npt
 
 from truestroke.base.typing import FloatArray
+from truestroke.identification.fitting import normal
 from truestroke.identification.fitting.normal import Prior
 
 LAGS = 200  # of the autocorrelation at most
 SEGMENTS = 8  # of the record, for the spectrum of the residual
 
 
-def covariance(J: FloatArray, R: FloatArray, residual: FloatArray, prior: Prior, weight: float) -> FloatArray:
-    """Covariance of regularised least squares, in the squares of the coefficients' units.
+def covariance_root(J: FloatArray, R: FloatArray, residual: FloatArray, prior: Prior, weight: float) -> FloatArray:
+    """F of the covariance F F' of regularised least squares, in the units of the coefficients.
 
     ::
 
-        A^-1 (J' Omega J + weight^2 P0^-1) A^-1,      A = J'J + weight P0^-1
+        F F' = A^-1 (J' Omega J + weight^2 P0^-1) A^-1,      A = J'J + weight P0^-1
 
     Omega, the covariance of the residual, is taken as stationary: J' Omega J is the sum over frequencies of the
     residual's spectrum (Welch) times the columns' own. For white noise and the weight sigma^2 it is the posterior
@@ -36,15 +37,16 @@ def covariance(J: FloatArray, R: FloatArray, residual: FloatArray, prior: Prior,
     weight : float
         Variance, um^2, that the prior's precision was multiplied with.
     """
-    precision = np.linalg.inv(prior.covariance)
-    A = np.linalg.inv(R.T @ R + weight * precision)
-    spread = colored(J, residual) + weight**2 * precision
-    P = A @ spread @ A.T
-    return np.asarray((P + P.T) / 2)
+    pull = prior.rows(weight)[:, :-1]
+    triangle = normal.reduced(np.vstack([R, pull]))  # U of A = U'U: the columns of J U^-1 are alike, whatever the bias
+    of_record = colored(normal.triangular(triangle, J.T, transposed=True).T, residual)
+    of_prior = normal.triangular(triangle, pull.T, transposed=True)
+    values, vectors = np.linalg.eigh(of_record + weight * of_prior @ of_prior.T)
+    return normal.triangular(triangle, vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def colored(J: FloatArray, residual: FloatArray) -> FloatArray:
-    """J' Omega J, corrected for the degrees of freedom that the fit took."""
+    """J' Omega J for columns J, corrected for the degrees of freedom that the fit took."""
     samples, m = J.shape
     frequencies = np.fft.rfftfreq(samples)
     twice = np.where((frequencies > 0) & (frequencies < 0.5), 2.0, 1.0)  # for the negative frequencies

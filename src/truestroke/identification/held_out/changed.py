@@ -8,7 +8,7 @@ import numpy as np
 
 from truestroke.base.threads import one_thread
 from truestroke.base.typing import FloatArray
-from truestroke.identification.held_out.steps import Steps, blocks
+from truestroke.identification.held_out.steps import Blocks, Steps
 
 TRIED = 4  # steps, one after the other: one is a change, the others show what chance and errors of the model make
 CLEAR = 6.0  # deviations of the residual, and of what all steps explain behind those that are tried
@@ -27,21 +27,16 @@ class Change(NamedTuple):
 
 
 @one_thread
-def change(
-    residual: FloatArray, columns: FloatArray, pull: FloatArray, volts: FloatArray, moved: FloatArray, rate: FloatArray
-) -> Change | None:
+def change(of: Blocks, moved: FloatArray, rate: FloatArray) -> Change | None:
     """One change of gain or delay, if there is one.
 
     Parameters
     ----------
-    residual, columns, pull, volts
-        As `blocks` has them.
+    of : Blocks
+        Of the fit, as `blocks` makes them.
     moved, rate : ndarray, shape (rows,)
         Displacement that the model predicts, um, and its rate, um/s.
     """
-    of = blocks(residual, columns, pull, volts)
-    if of is None:
-        return None
     gain = of.means(moved)
     kinds: tuple[tuple[Literal["gain", "delay"], Steps], ...] = (
         ("gain", Steps(of, gain - gain.mean(), np.ones(gain.size))),

@@ -8,7 +8,7 @@ import numpy as np
 
 from truestroke.base.threads import one_thread
 from truestroke.base.typing import FloatArray
-from truestroke.identification.held_out.steps import SHOWN, Steps, blocks
+from truestroke.identification.held_out.steps import SHOWN, Blocks, Steps
 
 TRIED = 4  # steps, one after the other: one or two of them are jumps, the others show what chance and errors make
 CLEAR = 6.0  # deviations of the residual, and of what all steps explain behind those that are tried
@@ -25,7 +25,7 @@ class Jump(NamedTuple):
 
 
 @one_thread
-def jump(residual: FloatArray, columns: FloatArray, pull: FloatArray, volts: FloatArray, stroke: float) -> Jump | None:
+def jump(of: Blocks, stroke: float) -> Jump | None:
     """The larger of one or two jumps of a residual, um, if there are any.
 
     A fit takes most of a jump, as creep or drift. So each step is taken beside the fit: what it explains is measured
@@ -34,25 +34,24 @@ def jump(residual: FloatArray, columns: FloatArray, pull: FloatArray, volts: Flo
 
     Parameters
     ----------
-    residual, columns, pull, volts
-        As `blocks` has them.
+    of : Blocks
+        Of the fit, as `blocks` makes them.
     stroke : float
         Rows.
 
     Examples
     --------
+    >>> from truestroke.identification.held_out.steps import blocks
     >>> noise = np.random.Generator(np.random.PCG64(0)).standard_normal(4000)
-    >>> nothing = np.zeros((4000, 0)), np.zeros((0, 0)), np.cos(np.arange(4000) / 30.0), 100.0
-    >>> jump(noise, *nothing), jump(noise + 2.0 * (np.arange(4000) > 1700), *nothing).row
+    >>> nothing = np.zeros((4000, 0)), np.zeros((0, 0)), np.cos(np.arange(4000) / 30.0)
+    >>> jumped = noise + 2.0 * (np.arange(4000) > 1700)
+    >>> jump(blocks(noise, *nothing), 100.0), jump(blocks(jumped, *nothing), 100.0).row
     (None, 1701)
     """
-    of = blocks(residual, columns, pull, volts)
-    if of is None:
-        return None
     r, each = of.residual, of.each
     steps = Steps(of, np.ones(r.size))
     found = [steps.next() for _ in range(TRIED)]
-    deviation = max(float(np.std(steps.residual)), 1e-9 * float(np.abs(residual).max()), 1e-300)
+    deviation = max(float(np.std(steps.residual)), 1e-9 * float(np.abs(r).max()), 1e-300)
     explain = np.array([share for share, _, _ in found]) / deviation
     for jumps, alone in enumerate(ALONE, 1):
         least = float(explain[:jumps].min())

@@ -49,6 +49,7 @@ TESTED = 0.5  # of the length of the record's strokes, in the held-out part: bel
 BEYOND = 0.15  # of the range or speed of the fitted part: beyond it the held-out part extrapolates
 LEFT_BY = 0.02  # of that range: so far outside of it a voltage is another one
 SOON = 0.1  # of the held-out rows behind the first of those: then the error has grown
+GROWN = 2.0  # times that in as many rows before it: an error that grows all the time has another reason
 UNTIL_THEN = 0.5, 0.2  # of the error, and of the held-out rows: before it leaves the range, at most, and at least
 FITS = 1.0  # % of peak-to-peak: with less residual of all of the record an error beyond the fitted range is no verdict
 LATE_STATES = 0.4  # of the record, in which the voltage had not been at both ends of its range
@@ -75,7 +76,8 @@ class Evidence:
     over_fitted : float
         The same over the rms error in the fitted part.
     over_line : float
-        The same over that of a straight line through the fitted part.
+        The same over that of a straight line through the fitted part, both without their means over sixths of the
+        time: a zero that moves is not in it.
     autocorrelation : float
         Of the fit's residual, the largest in magnitude beyond lag 0.
     autocorrelation_s : float
@@ -161,14 +163,14 @@ def evidence(
     settled = fitted & (trace.time - trace.time[0] >= min(findings.states_known_s, 0.25 * np.ptp(trace.time)))
     error = rms(trace.residual[tested])
     line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
-    off_line = rms(trace.displacement[tested] - np.polyval(line, trace.volts[tested]))
+    off_line = trace.displacement[tested] - np.polyval(line, trace.volts[tested])
     row = float(np.count_nonzero(trace.known) / trace.sample_rate / residual.size)
     lags = autocorrelation[1:]
     most, least = int(np.abs(lags).argmax()), int(lags.argmin())
     return Evidence(
         over_noise=_over(error, findings.noise_um),
         over_fitted=_over(error, rms(trace.residual[settled if settled.any() else fitted])),
-        over_line=_over(error, off_line),
+        over_line=_over(rms(_moving(trace.residual[tested])), rms(_moving(off_line))),
         autocorrelation=float(lags[most]),
         autocorrelation_s=(most + 1) * row,
         least_autocorrelation=float(lags[least]),
@@ -202,8 +204,9 @@ def _left(trace: Trace, rows: npt.NDArray[np.intp], tested: Any) -> dict[str, fl
     first = int(outside.argmax())
     if not outside.any() or first < UNTIL_THEN[1] * at.size:
         return {}
-    error = rms(trace.residual[at])
-    if rms(trace.residual[at[first : first + max(round(SOON * at.size), 1)]]) < UNTIL_THEN[0] * error:
+    error, soon = rms(trace.residual[at]), max(round(SOON * at.size), 1)
+    before, then = (rms(trace.residual[at[k : k + soon]]) for k in (first - soon, first))
+    if then < max(UNTIL_THEN[0] * error, GROWN * before):
         return {}
     return {"left_s": float(trace.time[at[first]]), "until_left": _over(rms(trace.residual[at[:first]]), error)}
 
@@ -224,14 +227,18 @@ def _dependence(trace: Trace, tested: Any) -> dict[str, float]:
     known = _predicted(np.hstack([voltage, velocity]), e)
     both = _predicted(np.hstack([voltage, velocity, history]), e)
     square = float(np.mean(e**2))
-    means = [(part.mean() ** 2, part.size) for part in np.array_split(e, PIECES)]
-    slow = sum(mean * size for mean, size in means) / e.size
+    slow = square - float(np.mean(_moving(e) ** 2))
     return {
         "voltage": _predicted(voltage, e),
         "velocity": _predicted(velocity, e),
         "history": max(both - known, 0.0),
-        "time": float(slow / square) if square > 0 else 0.0,
+        "time": slow / square if square > 0 else 0.0,
     }
+
+
+def _moving(error: FloatArray) -> FloatArray:
+    """What of an error is not slow: without its means over sixths of the time."""
+    return np.concatenate([part - part.mean() for part in np.array_split(error, PIECES)])
 
 
 def _ranked(values: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ from truestroke.signals.tables import RecordError, Table
 FEWEST_ROWS = 50
 COARSE = 0.2  # of the stamps repeat the one before, or more: rows that were measured would be left out with them
 CALIBRATION = 0.2  # by which a scale may differ from a unit of length, for which it stands
+ROUNDING, SMALLEST = 1e-12, 1e-100  # of the largest value, and in its unit: a smaller span is none
 GAP = 2.5  # intervals; software-timed samples jitter by less, and one lost sample leaves no gap
 
 HEADINGS = {
@@ -413,7 +414,7 @@ def _refuse_far(source: str, first: float) -> None:
 
 
 def _refuse_constant(source: str, role: str, signal: FloatArray, heading: str) -> None:
-    if signal.min() == signal.max():
+    if signal.max() - signal.min() <= max(ROUNDING * float(np.abs(signal).max()), SMALLEST):
         column = f" ({heading})" if heading != role else ""
         reason = f"{role}{column} is {signal[0] + 0.0:g} {next(iter(tables.UNITS[role]))} in all {signal.size} rows"
         raise RecordError(source, f"{reason}; it must move for anything to be learnt")

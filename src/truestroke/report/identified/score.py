@@ -105,7 +105,8 @@ def plots(found: Score, model: ActuatorModel, theme: Theme = LIGHT) -> dict[str,
 def _view(found: Score, model: ActuatorModel) -> View:
     trace = found.trace
     judged = trace.judged
-    line = np.polyfit(trace.volts[judged], trace.displacement[judged], 1)
+    at = trace.volts[judged]
+    line = np.polyfit(at, trace.displacement[judged], 1 if np.ptp(at) else 0)
     return View(
         **vars(trace),
         model=model,

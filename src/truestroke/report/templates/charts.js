@@ -2,6 +2,7 @@
 // Draws the charts of the page. Their data are in elements <script type="application/json" class="chart-data">.
 (() => {
   const GAP = 65535, LEVELS = 65534;
+  const NARROW = 2; // px: a gap is shown where it is wider, for narrow ones, as of each turn of a scan, hide what is between
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 
   function values(line, logarithmic) {
@@ -34,6 +35,7 @@
         { ...axis, size: 58, label: panel.label, labelSize: 20, labelFont: axis.font }],
       series: [{ label: chart.label, value: (u, at) => rounded(at) },
         ...panel.lines.map((line) => ({ label: line.name, stroke: () => colour(line.role), width: line.points ? 0 : line.role === "desired" ? 3 : 1.2,
+          gaps: (u, i, from, to, found) => found.filter(([begin, end]) => end - begin > NARROW * devicePixelRatio),
           points: { show: Boolean(line.points), size: 4, fill: () => colour(line.role) }, value: (u, value) => rounded(value) }))],
       hooks: { setScale: [(u, key) => { if (key === "x") zoomed(u.scales.x.min, u.scales.x.max); }] },
     };

@@ -171,11 +171,17 @@ class Scan(Displayed):
         Parameters
         ----------
         columns : int
-            Pixels of a line; a pixel has its trigger where it begins. 0 is none.
+            Pixels of a line, at most as many as the shortest line has ticks; a pixel has its trigger where it begins.
+            0 is none.
 
         Returns
         -------
         ndarray of `TRIGGER`
+
+        Raises
+        ------
+        SettingError
+            Pixels are shorter than a tick, so that one tick would have several triggers; `pixels` has times of any.
 
         Examples
         --------
@@ -186,6 +192,12 @@ class Scan(Displayed):
 ('line start', 5125, -1)]
         """
         columns = checks.count("columns", columns, 0, 10**6)
+        most = int((float((self.lines["end"] - self.lines["start"]).min()) * self.sample_rate) + 1e-6)
+        if columns > most:
+            bound = (
+                f"at most {most}, or a higher sample rate: the shortest line has {most} ticks of {self.sample_rate:g} "
+            )
+            raise SettingError("columns", columns, f"{bound}Hz, and a pixel has one at least")
         part = np.concatenate([[0.0], np.arange(columns) / max(columns, 1), [1.0]])
         start, end = self.lines["start"][:, None], self.lines["end"][:, None]
         made = np.zeros((self.lines.size, part.size), TRIGGER)
