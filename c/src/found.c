@@ -215,6 +215,22 @@ static void restate(ts_controller *c, ts_real gain, ts_real offset, ts_real lag)
     ts_move_offset(c, offset);
 }
 
+/* The terms that a stage of this frequency, cycles per tick, has in itself, but for what it misses: a lag, s, inertia, and rates. */
+static void separate_terms(ts_controller *c, ts_real frequency, ts_real left)
+{
+    const ts_settings *s = c->settings;
+    int place = c->of_plays + s->terms[TS_CREEP];
+    ts_real time = s->oscillation.tick / (2 * TS_PI * frequency), inertia = FOUND_INERTIA * (time * time);
+    ts_real lag = FOUND_LAG * time + (frequency > STIFF ? s->oscillation.tick : 0);
+    if (s->terms[TS_LAG] > 0) put_weight(c, place++, left, lag * lag + left * left);
+    if (s->terms[TS_INERTIA] > 0) put_weight(c, place, 0, inertia * inertia);
+    for (int i = 0, at = 0; i < s->plays; i++, at++)
+        if (s->rate_dependent[i]) {
+            at++;
+            put_weight(c, at, 0, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
+        }
+}
+
 /* From now on the stage is between hysteresis and sensor; it rings by so much, um. Lag and inertia are in it, but for what it
  * misses, and so is what the rate weights have learned. What the last window has `shown` that the weights miss beside it is in
  * them from now on; NULL: nothing. */
@@ -233,21 +249,13 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const 
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
         d->section[0][i] = d->z[i] - c->found.direct[0] * strain_of(c, c->found.dead + 1 + i);
-    ts_real corner = 2 * TS_PI * FOUND_FILTER * frequency, time = s->oscillation.tick / (2 * TS_PI * frequency);
+    ts_real corner = 2 * TS_PI * FOUND_FILTER * frequency;
     k->filter = corner / (1 + corner);
     k->disturbance = k->caution = 0;
     c->stage.smoothing = s->smoothing;
     if (c->stage.smoothing < 1 / (1 + frequency)) c->stage.smoothing = 1 / (1 + frequency);
     c->stage.inertia = 0;
-    int place = c->of_plays + s->terms[TS_CREEP];
-    ts_real lag = FOUND_LAG * time + (frequency > STIFF ? s->oscillation.tick : 0);
-    if (s->terms[TS_LAG] > 0) put_weight(c, place++, left, lag * lag + left * left);
-    if (s->terms[TS_INERTIA] > 0) put_weight(c, place, 0, (FOUND_INERTIA * (time * time)) * (FOUND_INERTIA * (time * time)));
-    for (int i = 0, at = 0; i < s->plays; i++, at++)
-        if (s->rate_dependent[i]) {
-            at++;
-            put_weight(c, at, 0, AS_GOOD_AS_NONE * s->prior[ts_prior_entries(s, at + 1) - 1]);
-        }
+    separate_terms(c, frequency, left);
     k->started = c->ringing.started = false;
     damp(c, frequency, dead + c->answered);
     ts_look_ahead_anew(c);

@@ -172,6 +172,27 @@ def restate(c: State, law: FilteringLaw, gain: float, offset: float, lag: float)
     move_offset(c, law, offset)
 
 
+def separate_terms(c: State, law: FilteringLaw, frequency: float, left: float) -> None:
+    """The terms that a stage of this frequency, cycles per tick, has in itself.
+
+    But for what it misses: a lag, s, inertia, and rates.
+    """
+    s, tick = c.settings, c.oscillation.tick
+    time = tick / (2 * math.pi * frequency)
+    lag, inertia = FOUND_LAG * time + (tick if frequency > STIFF else 0.0), FOUND_INERTIA * (time * time)
+    places = {s.columns["lag"].start: lag * lag + left * left} if s.lag else {}
+    places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
+    rates = np.arange(s.parameters)[s.b].tolist()
+    places |= {at: AS_GOOD_AS_NONE * s.prior_covariance[at][at] for at in rates}
+    weights = c.weights
+    weights[list(places)] = 0.0
+    if s.lag:
+        weights[s.columns["lag"]] = left
+    law.weights = weights
+    for place, variance in places.items():
+        law.separate(place, variance)
+
+
 def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float, shown: Candidate | None = None) -> None:
     """From now on the stage is between hysteresis and sensor; it rings by so much, um.
 
@@ -189,23 +210,11 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float, s
         c.path.go_on(c.lagged.ticks, dict(stage.strain), stage.z)
     else:
         c.path.go_on(before.ticks, before.strain, before.z)
-    corner, time = 2 * math.pi * FOUND_FILTER * frequency, tick / (2 * math.pi * frequency)
+    corner = 2 * math.pi * FOUND_FILTER * frequency
     law.filter = corner / (1 + corner)
     law.disturbance = law.caution = 0.0
     stage.smoothing, stage.inertia = max(c.members["smoothing"], 1 / (1 + frequency)), 0.0
-    lag = FOUND_LAG * time + (tick if frequency > STIFF else 0.0)
-    inertia = FOUND_INERTIA * (time * time)
-    places = {s.columns["lag"].start: lag * lag + left * left} if s.lag else {}
-    places |= {s.columns["inertia"].start: inertia * inertia} if s.inertia else {}
-    rates = np.arange(s.parameters)[s.b].tolist()
-    places |= {at: AS_GOOD_AS_NONE * s.prior_covariance[at][at] for at in rates}
-    weights = c.weights
-    weights[list(places)] = 0.0
-    if s.lag:
-        weights[s.columns["lag"]] = left
-    law.weights = weights
-    for place, variance in places.items():
-        law.separate(place, variance)
+    separate_terms(c, law, frequency, left)
     law.stop_filters()
     c.ringing.u = None
     begin_growth(c, first=not again)
