@@ -133,7 +133,7 @@ void ts_make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, int dead)
     g->lead[1] = 1 / (w0 * w0) + first * (2 * FOUND_DAMPING * tick / w0) + second * (tick * tick);
 }
 
-/* A weight is 0, independent of all others, with this variance. */
+/* A weight is this, independent of all others, with this variance. */
 static void put_weight(ts_controller *c, int place, ts_real weight, ts_real variance)
 {
     c->w[place] = weight;

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,13 +63,8 @@ def scan(
     from truestroke.studies.scanning.imaging import NAMES, PIXELS, expected, image, planned, seconds_for
 
     (page_file,) = common.outputs(output or "truestroke-scan", ".html")
-    names = [
-        f"{name}, {sample}, {way}"
-        for name in NAMES
-        for sample in ("grating", "texture")
-        for way in ("trace", "retrace")
-    ]
-    _check_images(page_file, endings, names, PIXELS**2)
+    names = {key: ", ".join(key) for key in product(NAMES, ("grating", "texture"), ("trace", "retrace"))}
+    _check_images(page_file, endings, names.values(), PIXELS**2)
     stage, motion = planned(rate, resonances, kinds, noise, seed)  # before anything is said of it
     if seconds_for(rate) > common.LONG:
         system.return_memory()  # a tenth of the time of fast rows
@@ -81,10 +77,8 @@ def scan(
         made = report.page(found, common.to_repeat())
         pictures = common.save_page(made, page_file, plots)
     every = [
-        dataclasses.replace(one, name=f"{name}, {one.name}")
-        for name, imaged in found.imaged.items()
-        for pair in imaged.images.values()
-        for one in pair.values()
+        dataclasses.replace(found.imaged[name].images[sample][way], name=words)
+        for (name, sample, way), words in names.items()
     ]
     written = _save_images(page_file, endings, every, found.scan)
     if as_json:
@@ -109,7 +103,7 @@ def _say(words: str, as_json: bool) -> None:
 
 
 def _check_images(
-    page_file: Path, endings: tuple[str, ...], names: Sequence[str], pixels: int, option: str = "--output"
+    page_file: Path, endings: tuple[str, ...], names: Collection[str], pixels: int, option: str = "--output"
 ) -> None:
     """An error now rather than after the scan, where images of these names, with so many pixels, cannot be written."""
     from truestroke.signals.scans import image_files
