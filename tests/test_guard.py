@@ -76,6 +76,39 @@ def test_half_of_the_motion_is_a_failure_in_the_windows_after_a_hold_too() -> No
         assert found == {Action.NOTHING, action}
 
 
+def go_on(guard: Guard, size: float, windows: int) -> list[Action]:
+    """Windows of a motion of 2 um with this error over its range: what is decided at their ends."""
+    k = np.arange(100 * windows)
+    error, z_d = size * 2.0 * np.sqrt(2) * np.sin(2 * np.pi * k / 20), np.sin(2 * np.pi * k / 100)
+    pairs = zip(error.tolist(), z_d.tolist(), strict=True)
+    return [guard.update(*pair, counts=True, noise=1e-3) for pair in pairs][99::100]
+
+
+@pytest.mark.parametrize(
+    ("before", "made", "windows"),
+    [(0.04, 0.3, 5), (0.04, 0.09, None), (0.15, 0.3, None)],
+    ids=["harms", "a little", "as bad without it"],
+)
+def test_a_stage_that_harms_is_a_failure_in_the_windows_after_it_entered(before, made, windows) -> None:
+    """Errors over the range, without the stage and with it: in so many windows."""
+    guard = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.02))
+    guard.wait = 20
+    go_on(guard, before, 5)
+    guard.begin()
+    actions = go_on(guard, made, 10)
+    assert (actions.index(Action.RESTORE) + 1 if Action.RESTORE in actions else None) == windows
+
+
+def test_what_a_stage_harmed_is_no_failure_again_in_the_windows_after_a_hold() -> None:
+    """Held weights were no better, so learning was not the cause: the next failure waits for its five windows."""
+    guard = Guard(GuardSettings(window=100, range_rate=1e-3, floor=0.02))
+    go_on(guard, 0.04, 5)
+    guard.begin()
+    actions = go_on(guard, 0.3, 40)
+    ended = next(i for i, action in enumerate(actions) if action in (Action.RETURN, Action.ADOPT))
+    assert actions.index(Action.RESTORE, ended) - ended > 5
+
+
 @pytest.mark.parametrize(
     ("size", "missed", "action"),
     [

@@ -746,6 +746,14 @@ def test_a_stage_takes_over_the_lag_and_the_gain_of_the_weights(
     assert largest_later(seed, number) < most < before
 
 
+@pytest.mark.parametrize(("seed", "number", "before"), [(2357, 58, 10.1), (8765, 8, 1.4)])
+def test_what_harms_and_an_error_that_grows_end_in_earlier_weights(seed: int, number: int, before: float) -> None:
+    """rms, % of peak to peak: a wrong stage had 16 windows until it was judged, held weights one to ring out."""
+    recording = record(seed, number, "unknown")
+    error = (recording["true"] - recording["desired"])[recording["true"].size // 2 :]
+    assert 100 * np.sqrt(np.mean(error**2)) / np.ptp(recording["desired"]) < before / 2
+
+
 @pytest.mark.parametrize(("seed", "number"), [(8128, 90), (1732, 82)])
 def test_a_law_that_is_good_is_not_given_up_for_a_resonance_that_fewer_plays_move(seed: int, number: int) -> None:
     """A slow raster with 0.15 % of error: 100 Hz were found in place of 296, or 236 of 911, and then 434 % or 223."""

@@ -381,6 +381,7 @@ typedef struct {
     ts_real span;           /* um: range of the motion when weights were kept, or, before, in the window before */
     ts_real swing, swung;   /* um: largest error since its sign changed, and how large it was on the other side before */
     ts_real promised;       /* error over the range that the weights to be restored had when they were asked last; 0: not asked */
+    ts_real entered;        /* error over the range when a stage entered the model; 0: none has since the last hold */
     int ticks;              /* of this window */
     int bad;                /* windows in a row in which it was too large and did not fall */
     int good;               /* windows in a row in which it was not */

@@ -12,6 +12,8 @@
 #define LARGER 2                /* or of a motion that was so many times as small, */
 #define BEYOND_ALL 2            /* and where it is larger than half of the motion */
 #define PROMISES ((ts_real)0.5) /* of the error that fails: weights that miss less than it are worth a trial */
+#define HARMS ((ts_real)0.1)    /* of the motion's range: a larger error of a stage that has entered the model is a failure at once, */
+#define MADE_WORSE 3            /* above so many times what it was without it */
 #define BETTER ((ts_real)0.7)   /* of the error that failed: what was restored is better */
 #define HOPELESS 2              /* times the error that failed: what was restored is worse, */
 #define TRANSIENT 2             /* after so many windows */
@@ -118,6 +120,7 @@ static ts_guard_action judge_held(ts_guard *g, ts_real error)
         return TS_GUARD_FIRST;
     }
     g->held = g->bad = g->good = 0;
+    g->entered = 0;
     g->pause = better ? 1 : g->wait;
     g->wait = g->wait < TS_LONGEST_WAIT ? 2 * g->wait : TS_LONGEST_WAIT;
     if (g->at_start && !hopeless) {
@@ -145,10 +148,11 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
     g->ringing *= DECAYS;
     g->small = whole > least ? 0 : g->small < LONG_AT_REST ? g->small + 1 : g->small;
     g->lost = g->lost || (s->recall > 0 && g->kept && g->settled && large);
-    bool excused = !large || (g->pause > 0 && 2 * error <= 1);
+    bool harmed = g->pause > 0 && g->entered > 0 && error > HARMS && error > MADE_WORSE * g->entered;
+    bool excused = !large || (g->pause > 0 && !harmed && 2 * error <= 1);
     g->bad = excused ? 0 : g->bad + (!falls && g->bad < most);
     if (g->pause > 0) g->pause--;
-    if (g->bad >= most && !falls && (2 * error > 1 || ts_guard_promises(g, error))) {
+    if (g->bad >= most && !falls && (harmed || 2 * error > 1 || ts_guard_promises(g, error))) {
         g->failed = error;
         g->held = 1;
         g->drift = 0;
@@ -181,6 +185,7 @@ static ts_guard_action judge_learned(ts_guard *g, const ts_guard_settings *s, ts
 void ts_guard_begin(ts_guard *g)
 {
     begin_window(g);
+    g->entered = g->error;
     g->pause = g->wait;
     g->held = g->bad = g->good = 0;
     g->at_start = false;

@@ -275,7 +275,8 @@ static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool ot
     }
     bool grew = error > GREW * g->least && error > least_grown(c, noise) && !(g->left > 0);
     g->bad = grew ? g->bad + 1 : 0;
-    if (!(g->bad < (g->wait > FIRST_HOLD ? 1 : GROWN))) hold_least(c, error); /* after a hold one is enough */
+    bool last = c->guard.error > error; /* it grew within the block: what it is by now is what the held weights are compared with */
+    if (!(g->bad < (g->wait > FIRST_HOLD ? 1 : GROWN))) hold_least(c, last ? c->guard.error : error); /* after a hold one is enough */
 }
 
 /* At the end of a window: whether the error has risen in each of the last ones to many times that of the weights that are kept, which

@@ -32,7 +32,7 @@ static inline bool finite_law(const ts_controller *c)
     const ts_guard *w = &c->guard;
     const ts_resonance *f = &c->resonance;
     if (!all_finite(&f->centre, offsetof(ts_resonance, settling) / sizeof(ts_real)) || !all_finite(c->shown, TS_SHOWN) || !isfinite(c->rate)) return false;
-    const ts_real scalars[] = {w->low, w->high, w->errors.sum, w->errors.square, w->errors.first, w->missed.sum, w->missed.square, w->promised, w->error, w->best, w->failed, w->drift, w->span, w->swing, w->swung, c->kept.sigma, c->kept.filter,
+    const ts_real scalars[] = {w->low, w->high, w->errors.sum, w->errors.square, w->errors.first, w->missed.sum, w->missed.square, w->promised, w->entered, w->error, w->best, w->failed, w->drift, w->span, w->swing, w->swung, c->kept.sigma, c->kept.filter,
                                c->kept.smoothing, c->kept.resonance, c->kept.inertia, c->kept.watch.recall.low, c->kept.watch.recall.missed.square,
                                k->caution, k->y1, k->y, k->variance, k->sigma, k->ringing, k->innovation1, k->innovation2, k->change,
                                k->filter, k->disturbance, o->fast, o->slow, o->slower, o->speed, o->acceleration, o->zdot_d,

@@ -309,7 +309,7 @@ void check_covariance(const ts_controller &c, const char *name, const ts_real *P
 
 void check_guard(const ts_controller &c) {
     const ts_guard &g = c.guard;
-    require_all("guard", g.high >= g.low && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0 && g.promised >= 0,
+    require_all("guard", g.high >= g.low && g.ringing >= 0 && g.error >= 0 && g.best >= 0 && g.failed >= 0 && g.span >= 0 && g.swung >= 0 && g.promised >= 0 && g.entered >= 0,
                 "a range and errors of 0 or more");
     require_all("guard_windows", g.ticks >= 0 && g.held >= 0 && g.held < INT32_MAX / 2 &&
                                  g.bad >= 0 && g.bad < INT32_MAX / 2 && g.small >= 0 && g.small < INT32_MAX / 2 && g.swings >= 0 && g.swings < INT32_MAX / 2 && g.good >= 0 && g.good < INT32_MAX / 2 && g.pause >= 0 &&

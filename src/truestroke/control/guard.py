@@ -15,6 +15,8 @@ BAD_AT_FIRST = 5  # while nothing is learned yet,
 LARGER = 2  # or of a motion that is so many times as small,
 BEYOND_ALL = 2  # and where it is larger than half of the motion
 PROMISES = 0.5  # of the error that fails: weights that miss less than it are worth a trial
+HARMS = 0.1  # of the motion's range: a larger error of a stage that has entered the model is a failure at once,
+MADE_WORSE = 3  # above so many times what it was without it
 BETTER = 0.7  # of the error that failed: what was restored is better
 FIRST_WAIT = 4  # windows of the first hold,
 LONGEST_WAIT = 256  # and of the longest
@@ -132,6 +134,9 @@ class Guard:
     - *They promise nothing* where they miss more than half of that error of the measurements in the last window:
       weights of a slow motion may be 50 % off in a fast one, and an error that they would have, too, is not the fault
       of learning. They are then not held, unless the error is larger than half of the range.
+    - *A stage that has entered the model* waits for its judgement as learned weights do after a hold, unless it makes
+      the error more than three times what it was without it, and more than a tenth of the range: then that counts at
+      once, whatever the kept weights promise.
     - *They are worse* where their error is twice the one that failed after two windows: the learned ones are taken back
       at once.
     - *They are better* where their error, once it has settled, is below 70 % of the one that failed: the controller
@@ -188,6 +193,7 @@ class Guard:
         self.grown = False  # the motion no longer grew in the window before, until weights were kept
         self.errors, self.missed = Spread(), Spread()  # um: in this window, and of the weights to be restored
         self.promised = 0.0  # error over the range that these had when they were asked last; 0: not asked
+        self.entered = 0.0  # error over the range when a stage entered the model; 0: none has since the last hold
         self.ticks = self.bad = self.good = self.held = self.pause = self.small = 0
         self.wait = FIRST_WAIT  # windows: of the next hold
         self.kept = self.at_start = self.started = self.settled = self.lost = False
@@ -256,7 +262,7 @@ class Guard:
     def begin(self) -> None:
         """Learning begins anew, with other weights: nothing is held, and what is kept stays."""
         self._begin_window()
-        self.pause = self.wait
+        self.entered, self.pause = self.error, self.wait
         self.held = self.bad = self.good = 0
         self.at_start = False
 
@@ -326,7 +332,7 @@ class Guard:
             self.at_start, self.held = True, 1
             return Action.FIRST
         self.held = self.bad = self.good = 0
-        self.pause = 1 if better else self.wait
+        self.entered, self.pause = 0.0, 1 if better else self.wait
         self.wait = 2 * self.wait if self.wait < LONGEST_WAIT else LONGEST_WAIT
         if self.at_start and not hopeless:
             self.kept, self.best = False, 0.0
@@ -343,10 +349,11 @@ class Guard:
         self.ringing *= DECAYS
         self.small = 0 if whole > least else min(self.small + 1, LONG_AT_REST)
         self.lost = self.lost or (self.settings.recall > 0 and self.kept and self.settled and large)
-        excused = not large or (self.pause > 0 and 2 * error <= 1)
+        harmed = self.pause > 0 and self.entered > 0 and error > max(HARMS, MADE_WORSE * self.entered)
+        excused = not large or (self.pause > 0 and not harmed and 2 * error <= 1)
         self.bad = 0 if excused else self.bad + (not falls and self.bad < most)
         self.pause -= self.pause > 0
-        if self.bad >= most and not falls and (2 * error > 1 or self.promises(error)):
+        if self.bad >= most and not falls and (harmed or 2 * error > 1 or self.promises(error)):
             self.failed, self.held, self.drift, self.small = error, 1, 0.0, 0
             return Action.RESTORE
         self.good = 0 if error > least else min(self.good + 1, FORGIVEN * LONGEST_WAIT)

@@ -240,7 +240,7 @@ def judge_growth(
     grew = error > GREW * g.least and error > least_grown(c, noise) and not g.left
     g.bad = g.bad + 1 if grew else 0
     if g.bad >= (GROWN if g.wait == FIRST_HOLD else 1):
-        hold_least(c, law, g, error)
+        hold_least(c, law, g, max(error, c.kept.guard.error))  # it grew within the block
 
 
 def has_risen(c: State, g: Growth, noise: float) -> bool:
