@@ -259,6 +259,16 @@ int ts_patience(const ts_controller *c)
     return c->answered > 0 && gap < most ? gap : most;
 }
 
+/* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the law's filters must not start from
+ * it. Of the noise of the samples before they have a part alone, so that behind a pause the law waits until it has decayed. */
+static void start_filters(ts_controller *c)
+{
+    ts_kalman *k = &c->law.kalman;
+    ts_real first = c->found.known ? c->stage.resonance : c->settings->dynamics.first;
+    if (!k->started && c->lagged.ticks > 1) ts_kalman_wait(k, (int)(1 / first));
+    ts_kalman_start_filters(k, c->parameters);
+}
+
 /* One tick of the stage with the measurement z, or what was expected in its place: it shows the tick `dead` before. */
 static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool measured, bool learn)
 {
@@ -269,9 +279,7 @@ static void learn_staged(ts_controller *c, ts_real z, ts_real innovation, bool m
     if (c->dynamics.ticks <= c->lagged.ticks + (uint64_t)dynamics_of(c)->dead) return;
     while (c->dynamics.ticks > c->lagged.ticks + (uint64_t)dynamics_of(c)->dead) next_lagged(c);
     ts_pass_stage(c, u);
-    /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the filters must not
-     * start from it. */
-    if (learn) ts_kalman_start_filters(&c->law.kalman, c->parameters);
+    if (learn) start_filters(c);
     adapt_kalman(c, u, y, noisy, measured, learn);
 }
 

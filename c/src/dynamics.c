@@ -39,14 +39,17 @@ ts_real ts_notched(ts_controller *c, ts_real z)
 {
     const ts_dynamics *g = dynamics_of(c);
     ts_dynamics_state *d = &c->dynamics;
-    if (d->ticks == 0) d->z[0] = d->z[1] = z; /* at rest before */
+    /* At rest before the first regressor: noise of which a part alone went into the law's filters would be a jump, thousands of times
+     * as large where f0 is far below the sample rate. */
+    bool rests = c->lagged.ticks == 0;
+    if (rests) d->z[0] = d->z[1] = z;
     ts_real y = g->notch[0] * z + g->notch[1] * d->z[0] + g->notch[2] * d->z[1];
     d->z[1] = d->z[0];
     d->z[0] = z;
     for (int i = 0; i < g->modes; i++) {
         const ts_real *q = g->mode[i];
         ts_real *x = d->mode[i];
-        if (d->ticks == 0) {
+        if (rests) {
             x[1] = (q[2] - q[4]) * y;
             x[0] = (q[1] - q[3]) * y + x[1];
         }

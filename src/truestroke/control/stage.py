@@ -513,16 +513,17 @@ class Stage:
         self._taps = np.zeros((TAPS, parameters))  # the last row stays 0
         self._states = np.zeros((len(self._rest), 2, parameters))
         self._started = False
+        self._rests = True  # before the first regressor: noise of which a part alone is filtered would be a jump
 
     def go_on(self, ticks: int, strain: dict[int, float], z: tuple[float, float]) -> None:
         """After so many ticks, of which these are the last strains and the last two measurements, um: it rings on."""
-        self.ticks, self.strain, self._z = ticks, strain, list(z)
+        self.ticks, self.strain, self._z, self._rests = ticks, strain, list(z), False
         before = [self._strain(self.dead + 1 + i) for i in range(len(z))]
         self._outputs = [[y - self._direct[0] * x for x, y in zip(before, z, strict=True)]]
 
     def rest(self, ticks: int, strain: dict[int, float], z: tuple[float, float]) -> None:
         """The same, as if the stage had rested where the last measurement is."""
-        self.ticks, self.strain, self._z = ticks, strain, list(z)
+        self.ticks, self.strain, self._z, self._rests = ticks, strain, list(z), False
         self._rest_sections(self._strain(self.dead + 1))
         for (_, b1, b2, a1, a2), x in zip(self._modes, self._mode_states, strict=True):
             x[1] = (b2 - a2) * z[0]
@@ -566,12 +567,12 @@ class Stage:
 
     def notched(self, z: float) -> float:
         """A: the measurement without the modes, um; the next tick."""
-        if self.ticks == 0:
+        if self._rests:
             self._z = [z, z]
         y: float = self._notch[0] * z + self._notch[1] * self._z[0] + self._notch[2] * self._z[1]
         self._z = [z, self._z[0]]
         for (b0, b1, b2, a1, a2), x in zip(self._modes, self._mode_states, strict=True):
-            if self.ticks == 0:
+            if self._rests:
                 x[1] = (b2 - a2) * y
                 x[0] = (b1 - a1) * y + x[1]
             before, y = y, b0 * y + x[0]
@@ -583,6 +584,7 @@ class Stage:
     def passed(self, u: FloatArray) -> FloatArray:
         """A G: the regressor as the measurement without the modes shows it; at rest before the first tick."""
         s, tap = self._taps, self._tap
+        self._rests = False
         if not self._started:
             for k in range(TAPS - 2, -1, -1):
                 s[k] = s[k + 1] + tap[k + 1] * u

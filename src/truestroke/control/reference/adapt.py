@@ -306,6 +306,16 @@ def check_weights(law: Law, size: int) -> None:
         raise SettingError(f"law.weights[{column}]", weights[column], "finite; a smaller step size may help", "um/V")
 
 
+def start_filters(c: State, law: FilteringLaw) -> None:
+    """The law's filters start at 0, for one notched sample is noise, thousands of times that of z on a soft stage.
+
+    Of the noise of the samples before they have a part alone: behind a pause the law waits until it has decayed.
+    """
+    if not law.started and c.lagged.ticks > 1:
+        law.wait(int(1 / (c.stage.resonance if c.stage.found else c.members["dynamics.first"])))
+    law.start_filters()
+
+
 def learn_staged(c: State, path: Stage, z: float, innovation: float, *, measured: bool, learn: bool) -> None:
     """One tick of the stage with the measurement z, or what was expected: it shows the tick `dead` before."""
     y, noisy = path.notched(z), path.quiet(innovation)
@@ -314,8 +324,8 @@ def learn_staged(c: State, path: Stage, z: float, innovation: float, *, measured
         while path.ticks > c.lagged.ticks + path.dead + 1:  # the dead time is shorter than that of the stage before
             next_lagged(c)
         u = path.passed(next_lagged(c))
-        if learn:  # one notched sample is noise, thousands of times that of z where f0 is far below the rate
-            c.filtering.start_filters()
+        if learn:
+            start_filters(c, c.filtering)
         update_law(c, c.filtering, u, y, noisy, measured=measured, learn=learn)
 
 
