@@ -62,6 +62,20 @@ def same(one, other):
     return [name for name in mine if not np.array_equal(mine[name], its[name])]
 
 
+@pytest.mark.parametrize("share", [0.003, 0.01])
+def test_a_long_period_that_wanders_repeats(share):
+    """By so much within 50 periods: none of a thousand ticks was ever within 0.015 ticks of the one before."""
+    settings, w = RepetitionSettings(period=1000.0), 2 * np.pi / 50
+    text, kernel = Repetition(settings), kernel_repetition(settings)
+    turns = np.arange(15_000) / 1000.0
+    turns = turns + share * np.sin(w * turns) / w
+    for z_d in (5 - 3 * sine(turns)).tolist():
+        text.tick(z_d)
+        kernel.tick(z_d)
+    assert text.repeats
+    assert same(text, kernel) == []
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_the_kernel_has_the_bits_of_the_text(seed):
     """Drawn forms, periods, amplitudes, offsets, rests, NaN, triggers, changes and limits."""

@@ -235,6 +235,7 @@ def test_a_simulated_sample_is_as_large_as_the_stage(stroke: float, width: float
         (("rate = 20.0", 'rate = 20.0\nsignal = "topography"'), "scan.signal = 'topography': must be one of height"),
         (("rate = 20.0", "rate = 20.0\nsample_rate = 4000.0"), "scan.sample_rate = 4000.0 Hz: must be 2000 Hz, that"),
         (("rate = 20.0", 'rate = 20.0\naxes = ["x", "z"]'), "scan.axes = ['x', 'z']: must be two of the axes: x, y"),
+        (("offset = [8.0, 8.0]", "offset = 8"), "scan.offset = 8: must be a list, in brackets: [...]"),
         (("rate = 20.0", "raet = 20.0"), "scan.raet = 20.0: must be left out; did you mean rate"),
         (("rate = 20.0", "rate = 20.0\ncolums = 64"), "scan.colums = 64: must be left out; did you mean columns"),
         (("lines = 8", 'kind = "zigzag"'), "scan.kind = 'zigzag': must be one of raster, spiral, lissajous, cycloid"),

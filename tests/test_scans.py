@@ -310,6 +310,32 @@ def test_the_shift_between_two_images_is_found_to_a_fiftieth_of_a_pixel(right, u
     assert scans.shift(still, moved) == pytest.approx((right, up), abs=0.02)
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("noise", "rows"), [(0.5, 0.0), (0.0, 0.3), (0.3, 3.0)])
+def test_noise_and_rows_of_other_offsets_hide_no_shift(seed, noise, rows):
+    """Of two images with a noise of half of their rms it was up to 0.7 pixels off.
+
+    Where each row has an offset of its own, as of a microscope, it was up to 5 pixels off along the rows' numbers.
+    """
+    right, up, coarse = 2.3, -1.6, scans.Texture(seed=seed, grain=0.5)
+    x, y = np.meshgrid(np.arange(256) * 0.05, np.arange(128) * 0.05)
+    random = np.random.default_rng(seed)
+
+    def seen(data):
+        added = noise * random.standard_normal(data.shape) + rows * random.standard_normal((data.shape[0], 1))
+        return scans.Image(data=data + added * np.std(data), size=(12.8, 6.4))
+
+    still, moved = seen(coarse(x, y)), seen(coarse(x - right * 0.05, y - up * 0.05))
+    assert scans.shift(still, moved) == pytest.approx((right, up), abs=0.2)
+
+
+def test_a_sample_of_rows_alone_has_a_shift():
+    """What is the same in each row is all that such a sample shows: nothing of it is taken off."""
+    x, y = np.meshgrid(np.arange(128) * 0.1, np.arange(160) * 0.1)
+    still, moved = (scans.Image(data=np.tanh(np.sin(y - up)) + 1e-3 * np.sin(x), size=(12.8, 16.0)) for up in (0, 0.12))
+    assert scans.shift(still, moved) == pytest.approx((0.0, 1.2), abs=0.05)
+
+
 def test_distortion_is_what_was_done_to_the_positions():
     scan = EVERY["raster"]
     assert scans.distortion(scan, scan.x.position, scan.y.position, 100).largest < 1e-9

@@ -309,6 +309,23 @@ def test_images_that_are_not_as_they_were_shown_are_named_by_what_makes_them_agr
     assert words in found.verdict.reasons[0]
 
 
+@pytest.mark.parametrize(("exchange", "words"), [(False, None), (True, "both images exchanged")])
+def test_offsets_of_rows_hide_neither_what_agrees_nor_what_is_exchanged(exchange, words, scan, volts, shown, model):
+    """Each row of a microscope has its own: a right image was "not the model of this motion", and nothing was named."""
+    random = np.random.default_rng(4)
+    pair = {
+        name: dataclasses.replace(one, data=one.data + 2 * np.std(one.data) * random.standard_normal((ROWS, 1)))
+        for name, one in shown.items()
+    }
+    given = dict(zip(pair, reversed(pair.values()), strict=True)) if exchange else pair
+    found = truestroke.unwarp(given, ScanRecord.of(scan, *volts), model, model)
+    if words is None:
+        assert found.verdict.level == "good"
+        assert np.hypot(*found.after) < 0.1
+    else:
+        assert words in found.verdict.reasons[0]
+
+
 def test_an_image_that_no_change_makes_agree_is_still_named(scan, volts, shown, model):
     turned = {name: dataclasses.replace(one, data=one.data[:, :ROWS].T) for name, one in shown.items()}
     found = truestroke.unwarp(turned, ScanRecord.of(scan, *volts), model)

@@ -11,7 +11,8 @@
 #define PULLED ((ts_real)0.5)     /* of a shift that is corrected in the next period, */
 #define INTEGRATED ((ts_real)0.2) /* and of it for good */
 #define EARLIER ((ts_real)0.015)  /* of the period, by which it may differ from the given one */
-#define REPEATED 2                /* periods that are alike before it is a repetition */
+#define REPEATED 2                /* periods that are alike before it is a repetition, */
+#define WANDERS 6                 /* and where each is earlier or later than the last one, as of a period that wanders */
 #define LARGEST 10                /* of the ratios of the settings */
 #define EXACT ((ts_real)1e-6)     /* samples: a shift that is rounding */
 #define PER_TURN ((ts_real)0.63661977236758134308) /* 4 / (2 pi): a quarter of an angle in turns */
@@ -206,7 +207,9 @@ static void turned(ts_repetition *r)
     }
     r->alike++;
     adopt(r);
-    r->repeats = r->alike >= REPEATED && (r->triggered || size_of(p.shift) < EARLIER);
+    bool steady = r->triggered || size_of(p.shift) < EARLIER;
+    bool wanders = r->alike >= WANDERS && size_of(p.shift) < APART * (ts_real)r->settings->size;
+    r->repeats = (r->alike >= REPEATED && steady) || wanders;
     if (r->repeats && r->settings->learned != NULL) align(r);
 }
 

@@ -190,6 +190,9 @@ def value(
 
 def _remedy(name: str, given: Any, hint: Any, inner: tuple[Any, ...]) -> str:
     """What to change where a value has another type, if that is known."""
+    needed = [one for one in inner if one is not type(None)]
+    if get_origin(hint) in (Union, types.UnionType) and len(needed) == 1:
+        return _remedy(name, given, needed[0], get_args(needed[0]))
     if isinstance(given, str) and get_origin(hint) is tuple and float in inner:
         number = re.search(r"[-+]?\d+(\.\d+)?", given)
         return f" of numbers, without quotes: {name} = [{number[0] if number else '...'}]"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from truestroke.base.display import figures
 from truestroke.base.typing import FloatArray
-from truestroke.signals.scans.images import Image, shift
+from truestroke.signals.scans.images import Image, levelled, shift
 
 FAR = 3.0  # pixels between trace and retrace: beyond, they are further apart than a wrong model makes them
 OUTSIDE = 0.1  # of the range of the voltage of a model's record: a scan that goes further is named
@@ -81,9 +81,9 @@ def hum(
 
 
 def agreement(made: Mapping[str, Image]) -> float:
-    """Correlation of trace and retrace."""
-    one, other = (filled(image).data.ravel() for image in made.values())
-    return float(np.corrcoef(one, other)[0, 1])
+    """Correlation of trace and retrace; what a microscope adds to each row alike does not count."""
+    one, other = levelled(*(filled(image).data for image in made.values()))
+    return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
 
 def other_count(lines: npt.NDArray[np.void], shape: tuple[int, int], skipped: float) -> str:

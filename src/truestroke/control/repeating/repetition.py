@@ -36,7 +36,8 @@ PULLED, INTEGRATED = 0.5, 0.2  # of a shift that is corrected in the next period
 EARLIER = 0.015  # of the period, by which it may differ from the given one
 GAP = 0.05  # of a period: what is missing is interpolated, more is a period that is lost
 SHORTEST, LONGEST = 16, 8192  # ticks of a period
-REPEATED = 2  # periods that are alike before it is a repetition
+REPEATED = 2  # periods that are alike before it is a repetition,
+WANDERS = 6  # and where each is earlier or later than the last one, as of a period that wanders
 EXACT = 1e-6  # samples: a shift that is rounding
 LOOKED_AT = 200_000  # ticks of a motion, until it has to repeat
 LASTS = 5  # periods in which it does so, but at its end: batches of fewer show nothing
@@ -411,7 +412,9 @@ class Repetition:
             return
         self.alike += 1
         self._adopt()
-        self.repeats = self.alike >= REPEATED and (self.triggered or abs(shift) < EARLIER)
+        steady = self.triggered or abs(shift) < EARLIER
+        wanders = self.alike >= WANDERS and abs(shift) < APART * self.size
+        self.repeats = (self.alike >= REPEATED and steady) or wanders
         if self.repeats and self.settings.learned is not None:
             self._align(self.settings.learned.shape)
 

@@ -32,6 +32,7 @@ from truestroke.control.repeating.batches import Batch, Kept, Learned, Measured,
 from truestroke.control.repeating.online import OnlineLaw
 from truestroke.control.repeating.periodic_hysteresis import PeriodicHysteresis
 from truestroke.control.repeating.repetition import (
+    GAP,
     LONGEST,
     SHORTEST,
     LearnedPeriod,
@@ -43,6 +44,7 @@ from truestroke.control.repeating.repetition import (
     kernel_repetition,
 )
 from truestroke.control.repeating.response_prior import FewNumbers
+from truestroke.control.repeating.spikes import Spikes
 from truestroke.control.repeating.steps import Steps, Task
 from truestroke.control.settings import UNLIMITED
 from truestroke.model.dynamics import Dynamics, Mode
@@ -246,6 +248,7 @@ class RepetitiveController(Displayed):
         self._learned: Learned | None = None
         self._watch: _Watch | None = None
         self._errors, self._added, self._inside = (Periods(size) for _ in range(3))
+        self._spikes, self._missing = Spikes(size), 0
         self._count = max(2, math.ceil(self.averaged / period))
         self._joined = self._rests = self._counts = False
         self._gave_up = False  # of this motion: the controller alone is better
@@ -348,6 +351,8 @@ class RepetitiveController(Displayed):
     def _see_error(self, z_measured: float, place: int) -> None:
         """A measurement, um, of the command at a place of those that are kept."""
         error, learned = z_measured - self._asked[place], self._learned
+        if self._is_lost(int(self._phases[place]) % self._repetition.size, error):
+            return
         slope = 0.0
         if self._repetition.corrects and learned is not None and (learned.carries or learned.hysteresis is not None):
             slope = learned.slope
@@ -359,6 +364,14 @@ class RepetitiveController(Displayed):
             period = self._errors.put(self._phases[place], error)
             if period is not None:
                 self._see_period(period)
+
+    def _is_lost(self, place: int, error: float) -> bool:
+        """Whether an error, um, at a place is missing or a spike; not where so many in a row are that none counts."""
+        if math.isfinite(error) and not self._spikes.is_one(place, error):
+            self._missing = 0
+            return False
+        self._missing += 1
+        return self._missing <= GAP * self._repetition.size
 
     # ---- The motion ------------------------------------------------------------------------------------------------
 
@@ -386,6 +399,7 @@ class RepetitiveController(Displayed):
         """The correction is taken back; the controller inside, which has not followed, learns again at once."""
         self._task = self._learned = self._watch = self._whole = None
         self._joined = self._rests = False
+        self._spikes = Spikes(self._repetition.size)
         if self._kept is not None:
             self._kept = replace(self._kept, level=self._repetition.goal)
         self._repetition.move(0.0, self._change)
@@ -634,6 +648,7 @@ KINDS = (
     Task,
     _Watch,
     Periods,
+    Spikes,
 )
 """What a state may hold."""
 GIVEN = ("controller", "sample_rate", "averaged", "_given", "_dynamics", "_bandwidth", "_repetition")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,15 @@ from truestroke.base import checks
 from truestroke.base.checks import SettingError
 from truestroke.base.display import Displayed, Rows, quantity
 from truestroke.base.errors import TruestrokeError
-from truestroke.base.typing import FloatArray
+from truestroke.base.typing import ComplexArray, FloatArray
 from truestroke.signals.scans.scan import Scan
 
 ALONG = {"raster"}  # scans whose lines are rows of an image
 UPSAMPLED = 200  # parts of a pixel: resolution of the shift between two images
+LEFT, SHARED = 1e-3, 0.2  # of the variance of an image, and of what is within its rows: more is no noise
+AGAIN = 3  # times at most that what both images show is cut out of them
+RING = 32  # frequencies in which their coherence is seen, at least
+CHANCE = 2.8  # over the root of their number: coherence of noise that only 3 % of the rings exceed
 UNEVEN = 2.0  # times their mean distance: that of lines where they are furthest apart
 MEAN = 16  # rows over which the distance of trace and retrace is averaged
 RARE = 0.05  # share of scans in which noise alone makes it larger than is said
@@ -421,11 +425,14 @@ def shift(reference: Image, moved: Image) -> tuple[float, float]:
 
     ::
 
-        c = F^-1[conj(A) B],  A and B the Fourier transforms of both images under a Hann window
+        c = F^-1[w^2 conj(A) B],  w = |sum conj(A) B| / sqrt(sum |A|^2 sum |B|^2),  in rings of frequencies
 
-    The peak of c is found to 1/200 of a pixel by `skimage.registration.phase_cross_correlation` [@guizar2008]. Its
-    amplitudes are kept: where each frequency counts alike, rounding at those that the sample hardly has shifts the
-    peak by 0.1 pixel. A sample that repeats, as a grating does, shows its shift within half of its period only.
+    A and B are the Fourier transforms of both images under a Hann window. The peak of c is found to 1/200 of a pixel by
+    `skimage.registration.phase_cross_correlation` [@guizar2008]. Amplitudes are kept: where each frequency counts
+    alike, rounding at those that the sample hardly has shifts the peak by 0.1 pixel. The coherence w [@knapp1976],
+    less what chance makes of it, takes out the frequencies that are noise in both images. The offset of each row, which
+    a microscope adds, and a tilt along the rows do not count, unless the rows have nothing else. A sample that repeats,
+    as a grating does, shows its shift within half of its period only.
 
     Raises
     ------
@@ -456,17 +463,74 @@ def shift(reference: Image, moved: Image) -> tuple[float, float]:
             raise ImageError(f"{image.name} has pixels without a number: fill them, or leave these rows out")
         if np.ptp(image.data) == 0:
             raise ImageError(f"{image.name} is the same everywhere: there is nothing whose shift could be seen")
-    whole = _correlated(phase_cross_correlation, reference.data, moved.data, 1).astype(int)
-    cut = [(slice(max(-n, 0), min(-n, 0) or None), slice(max(n, 0), min(n, 0) or None)) for n in whole.tolist()]
-    first, second = reference.data[cut[0][1], cut[1][1]], moved.data[cut[0][0], cut[1][0]]  # what both of them show
-    if min(np.ptp(first), np.ptp(second)) > 0:
-        whole = whole + _correlated(phase_cross_correlation, first, second, UPSAMPLED)
-    down, right = whole
-    return 0.0 - float(right), 0.0 - float(down)
+    one, other = (_windowed(data) for data in levelled(reference.data, moved.data))
+    whole = np.asarray(phase_cross_correlation(one, other, normalization=None)[0])
+    for _ in range(AGAIN):
+        both = levelled(*both_show(reference.data, moved.data, whole.astype(int).tolist()))
+        if min(np.ptp(part) for part in both) == 0:
+            break
+        pair = _coherent(*(np.fft.fft2(_windowed(part)) for part in both))
+        step = phase_cross_correlation(*pair, space="fourier", upsample_factor=UPSAMPLED, normalization=None)[0]
+        if np.abs(step).max() <= 1.0:
+            whole = whole + step
+            break
+        whole = whole + np.rint(step)
+    down, right = whole.tolist()
+    return 0.0 - right, 0.0 - down
 
 
-def _correlated(correlate: Callable[..., Any], first: FloatArray, second: FloatArray, parts: int) -> FloatArray:
-    """By how many rows and columns the second has to be moved to the first."""
-    window = np.outer(*(np.hanning(size + 2)[1:-1] for size in first.shape))
-    pair = (window * (one - one.mean()) for one in (first, second))
-    return np.asarray(correlate(*pair, upsample_factor=parts, normalization=None)[0])
+def levelled(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two images without the offsets of their rows and their tilt, where both of them show more than these and noise.
+
+    >>> x, y = np.meshgrid(np.arange(64.0), np.arange(48.0))
+    >>> bool(np.allclose(*levelled(np.sin(x / 5) + y, np.sin(x / 5) + x)))
+    True
+    """
+    within = _within_rows(first), _within_rows(second)
+    shows = (_shows(rest, one) for rest, one in zip(within, (first, second), strict=True))
+    return within if all(shows) else (first, second)
+
+
+def _within_rows(data: FloatArray) -> FloatArray:
+    """What an image has under the window of `shift`, without the offset of each row and the tilt along all of them."""
+    weights = _window(data.shape[1])
+    along = np.arange(data.shape[1]) - np.average(np.arange(data.shape[1]), weights=weights)
+    level = data - np.average(data, axis=1, weights=weights)[:, None]
+    squares = float(np.sum(weights * along**2))
+    slope = float(np.sum(weights * along * level.mean(axis=0))) / squares if squares else 0.0
+    return np.asarray(level - slope * along)
+
+
+def _shows(rest: FloatArray, data: FloatArray) -> bool:
+    """Whether what is within the rows of an image is more than noise, which pixels that are two apart do not share."""
+    power, alike = float(np.mean(rest**2)), float(np.mean(rest[:, 2:] * rest[:, :-2])) if rest.shape[1] > 2 else 0.0
+    return power > LEFT * float(np.var(data)) and alike > SHARED * power
+
+
+def _window(size: int) -> FloatArray:
+    return np.asarray(np.hanning(size + 2)[1:-1])
+
+
+def _windowed(data: FloatArray) -> FloatArray:
+    return np.asarray(np.outer(*map(_window, data.shape)) * (data - data.mean()))
+
+
+def both_show(first: FloatArray, second: FloatArray, by: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """The parts of two images that agree where the second is moved by so many rows and columns."""
+    cut = [(slice(max(-n, 0), min(-n, 0) or None), slice(max(n, 0), min(n, 0) or None)) for n in by]
+    return first[cut[0][1], cut[1][1]], second[cut[0][0], cut[1][0]]
+
+
+def _coherent(one: ComplexArray, other: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Two spectra, each frequency by how much of both is the same in its ring."""
+    fy, fx = (np.fft.fftfreq(size) for size in one.shape)
+    ring = np.rint(np.hypot(fy[:, None], fx) * min(one.shape) / 2).astype(int)
+    ends = np.cumsum(np.bincount(ring.ravel()))
+    ring = (np.concatenate([[0], ends[:-1]]) // RING)[ring]  # of some frequencies at least
+    crossed = np.conj(one) * other
+    parts = crossed.real, crossed.imag, np.abs(one) ** 2, np.abs(other) ** 2
+    real, imag, mine, its = (np.bincount(ring.ravel(), part.ravel()) for part in parts)
+    many = np.maximum(np.bincount(ring.ravel()), 1)
+    alike, chance = np.hypot(real, imag) / np.maximum(np.sqrt(mine * its), 1e-300), CHANCE / np.sqrt(many)
+    counts = np.clip((alike - chance) / np.maximum(1 - chance, 1e-300), 0.0, 1.0)[ring]
+    return (counts * one, counts * other) if counts.any() else (one, other)

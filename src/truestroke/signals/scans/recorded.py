@@ -16,7 +16,18 @@ from truestroke.base.verdict import Level, Verdict
 from truestroke.signals import metrics
 from truestroke.signals.noise import noise
 from truestroke.signals.scans import rates
-from truestroke.signals.scans.images import Distortion, Image, ImageError, at_pixels, distortion, gridded, images, shift
+from truestroke.signals.scans.images import (
+    Distortion,
+    Image,
+    ImageError,
+    at_pixels,
+    both_show,
+    distortion,
+    gridded,
+    images,
+    levelled,
+    shift,
+)
 from truestroke.signals.scans.scan import Scan
 
 SEEN, CLEAR = 0.5, 2.0  # pixels: what a good image may be off, and a doubtful one
@@ -286,9 +297,7 @@ def _shift(made: Mapping[str, Image]) -> tuple[float, float] | None:
     except ImageError:
         return None
     right, up = (round(one) for one in apart)
-    rows, columns = trace.data.shape
-    first = trace.data[max(-up, 0) : rows - max(up, 0), max(-right, 0) : columns - max(right, 0)]
-    second = retrace.data[max(up, 0) : rows + min(up, 0), max(right, 0) : columns + min(right, 0)]
+    first, second = levelled(*both_show(trace.data, retrace.data, (-up, -right)))
     if min(first.shape) < FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
         return None
     return apart if np.corrcoef(first.ravel(), second.ravel())[0, 1] > ALIKE else None
