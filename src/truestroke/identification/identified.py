@@ -264,7 +264,7 @@ def _half_width(model: ActuatorModel, s: Series, train: int, predicted: FloatArr
     for start in (b for b in s.breaks if b >= train):
         since[start:] -= since[start]
         apart[start:] = False
-    zero = model.walk**2 * since
+    zero = interval.of_walk(model, since)
     offset = model.columns["offset"].start
     zero[apart] += model.another_day()[offset, offset]
     return interval.half_width(model, s.volts, s.sample_rate, zero, predicted)

@@ -76,7 +76,8 @@ def fit_samples(
     stay = before is not None and before.model.branches is not None
     fit, more = _branched(plain, fine, compared, structure, weight, stay) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
-    model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
+    zero_moves = (more or tried)[-1].zero
+    model = fit.model.replace(walk=zero_moves.walk, trend=zero_moves.trend, drift=rate)
     rows = compared.displacement.size / fine.displacement.size
     model, shown = coverage.calibrated(model, compared, fit.structure, fit.weight * rows, fit.strain)
     drift = fit.drift
