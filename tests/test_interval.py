@@ -265,7 +265,8 @@ def test_the_file_keeps_walk_drift_and_places(tmp_path):
     text = (tmp_path / "model.toml").read_text()
     start, end = text.index("[explored]"), text.index("[metrics]")
     old = (text[:start] + text[end:]).splitlines()
-    (tmp_path / "old.toml").write_text("\n".join(line for line in old if not line.startswith(("walk", "trend", "drift"))))
+    without = [line for line in old if not line.startswith(("walk", "trend", "drift"))]
+    (tmp_path / "old.toml").write_text("\n".join(without))
     old_one = load_model(tmp_path / "old.toml")
     assert (old_one.walk, old_one.trend, old_one.explored) == (0.0, 0.0, None)
 

@@ -507,8 +507,8 @@ class ActuatorModel(Displayed, Layout):
         predicted velocity, d the distance of the motion from all that the record shows and g its growth (`explored`),
         a how far `plain` differs from a model with branches beyond their usual difference, s by how much the motion is
         faster than `usual_velocity`, late by how much such motion may be late (`interval.of_speed`), n the error
-        `interval.beyond` the voltages of the record, t the time since its end, T its duration: the zero walks and drifts on, at rest,
-        too, and creeps by 1 % of the stroke or more in each tenfold of the record's `duration`. Where the record has
+        `interval.beyond` the voltages of the record, t the time since its end, T its `duration`: the zero walks and
+        drifts on, at rest, too, and creeps by 1 % of the stroke or more in each tenfold of T. Where the record has
         loops of one family, such as one sine, the interval of motion inside of them is no less than that of
         `interval.of_inner_loops`.
 

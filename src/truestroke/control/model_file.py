@@ -279,7 +279,8 @@ class _Tables:
 def _model(document: dict[str, Any]) -> ActuatorModel:
     for key, wanted in (("format", FORMAT), ("version", VERSION)):
         if document.get(key) != wanted:
-            raise SettingError(key, repr(document.get(key)), f"{wanted!r}: else it is not a {FORMAT} of this version")
+            bound = f"{wanted!r}: else it is not a {FORMAT} of this version, which `truestroke identify` writes"
+            raise SettingError(key, repr(document.get(key)), bound)
     model = _of_tables(toml.decode(_Tables, _renamed(document), also=("format", "version", "before")))
     if "before" not in document:
         return model

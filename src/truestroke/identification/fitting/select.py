@@ -68,6 +68,9 @@ class Zero(NamedTuple):
     trend: float = 0.0  # um/s, of a zero that moves steadily
 
 
+STILL = Zero()
+
+
 @dataclass(frozen=True)
 class Tried:
     """A structure that cross-validation compared.
@@ -90,7 +93,7 @@ class Tried:
     prior: float
     rmse: float
     modes: int = 0
-    zero: Zero = Zero()
+    zero: Zero = STILL
 
     @property
     def parts(self) -> tuple[str, ...]:

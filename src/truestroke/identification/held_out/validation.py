@@ -357,7 +357,8 @@ def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterato
         if held_out.rmse_percent > POOR:
             yield (
                 "bad",
-                f"The noise of the sensor is {held_out.rmse_percent:.3g} % of the stroke: average, or move more.",
+                f"The error is {figures(held_out.rmse_percent, 2)} % of peak-to-peak, {_times(found.over_noise)} the "
+                "noise of the sensor: average, or move more.",
             )
         return
     error, times = sizes(held_out.rmse_um, held_out.rmse_percent, found.over_noise, findings.noise_um)
