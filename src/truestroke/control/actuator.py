@@ -196,7 +196,7 @@ class ActuatorModel(Displayed, Layout):
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
             "voltage_noise": checks.within("voltage_noise", self.voltage_noise, 0.0, 1e9, "V"),
             "walk": checks.within("walk", self.walk, 0.0, 1e9, "um/sqrt(s)"),
-            "trend": checks.within("trend", self.trend, 0.0, 1e9, "um/s"),
+            "trend": checks.within("trend", self.trend, 0.0, 1e12, "um/s"),
             "drift": checks.within("drift", self.drift, -1e9, 1e9, "um/s"),
             "jitter": checks.within("jitter", self.jitter, 0.0, 3600.0, "s"),
             "coverage_factor": checks.within("coverage_factor", self.coverage_factor, 0.0, 1e9),

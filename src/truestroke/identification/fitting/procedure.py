@@ -331,7 +331,9 @@ def data_of(s: Series, samples: int, rows: int) -> Data:
     x, z = s.volts[:samples], s.displacement[:samples]
     stroke = float(np.ptp(z) * np.ptp(s.volts) / np.ptp(x))
     every = -(-x.size // rows)
-    zeros = 0.0, float(np.polyfit(x, z, 1)[1]), float(z.min())
+    middle, span = float(x.mean()), float(np.ptp(x))
+    u = (x - middle) / span  # of a voltage far from 0 beside its span, too
+    zeros = 0.0, float(z.mean() - middle / span * (u @ z) / (u @ u)), float(z.min())
     zero = next(a for a in zeros if z.min() - NEAR * stroke <= a <= z.max() + NEAR * stroke)
     return Data(
         volts=x,
