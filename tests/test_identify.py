@@ -253,3 +253,16 @@ def test_a_part_with_too_few_samples_is_refused_with_its_file_and_what_helps(tmp
     np.savetxt(tmp_path / "short.csv", np.column_stack([t, x, 10 * x]), delimiter=",", header="t (s),V,z (um)")
     with pytest.raises(SettingError, match=r"in the held-out part of .*short.csv: must be .*record for longer"):
         identify(read_record(tmp_path / "short.csv"), held_out=0.3)
+
+
+@pytest.mark.parametrize(
+    ("size", "noise", "rate", "member"), [(1e-10, 0.0, 100.0, "stroke"), (1.0, 3.0, 1e-6, "jitter")]
+)
+def test_a_model_out_of_bounds_is_said_to_be_that_of_the_record(size, noise, rate, member):
+    """Of a unit or a clock that is wrong by far: nobody has set the member whose bound it is."""
+    t, rng = np.arange(600) / 100.0, np.random.default_rng(1)
+    x = 50 - 30 * np.cos(2 * np.pi * 1.1 * t) - 20 * np.cos(2 * np.pi * 0.37 * t)
+    with pytest.raises(SettingError, match="are its units, its clock and its columns right") as raised:
+        identify((x, size * (x + noise * rng.standard_normal(x.size)), rate))
+    assert raised.value.argument == "record"
+    assert f"whose model has {member} = " in str(raised.value)

@@ -134,12 +134,13 @@ def refuse_unreachable(made: truestroke.PredictedWaveform) -> None:
     """UsageError where not one sample of the motion is within reach: it is in another unit, or of another zero."""
     outside = sum(span.stop - span.start for span in made.out_of_reach)
     if outside * made.sample_rate > made.volts.size - 0.5:
-        wanted = f"{made.desired.min():.4g} to {made.desired.max():.4g} um"
-        reached = f"{made.predicted.min():.4g} to {made.predicted.max():.4g} um"
-        limits = f"{made.volts.min():.4g} to {made.volts.max():.4g} V"
+        wanted, reached, limits = (
+            low if low == high else f"{low} to {high}"
+            for low, high in ((f"{x.min():.4g}", f"{x.max():.4g}") for x in (made.desired, made.predicted, made.volts))
+        )
         raise click.UsageError(
-            f"the motion, {wanted}, is nowhere within reach: the model comes to {reached} at {limits}. Is it in um, "
-            "and as the sensor of the model's record reads it?"
+            f"the motion, {wanted} um, is nowhere within reach: the model comes to {reached} um at {limits} V. Is it "
+            "in um, and as the sensor of the model's record reads it?"
         )
 
 

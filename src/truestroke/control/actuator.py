@@ -111,6 +111,9 @@ class ActuatorModel(Displayed, Layout):
         Noise of the record's voltage that the displacement does not follow, V: that of its measurement; 0 is none.
     walk : float
         Random walk of the zero, um/sqrt(s): its variance grows by walk^2 a second.
+    trend : float
+        Rate of a zero that moves steadily, whichever way, um/s: its variance is at least (trend t)^2 in a time t no
+        longer than the record.
     drift : float
         Rate of the zero at the end of the record, um/s; not in the prediction, whose zero is that at the end.
     jitter : float
@@ -150,6 +153,7 @@ class ActuatorModel(Displayed, Layout):
     noise: float = 0.0
     voltage_noise: float = 0.0
     walk: float = 0.0
+    trend: float = 0.0
     drift: float = 0.0
     jitter: float = 0.0
     coverage_factor: float = 1.96
@@ -192,6 +196,7 @@ class ActuatorModel(Displayed, Layout):
             "noise": checks.within("noise", self.noise, 0.0, 1e9, "um"),
             "voltage_noise": checks.within("voltage_noise", self.voltage_noise, 0.0, 1e9, "V"),
             "walk": checks.within("walk", self.walk, 0.0, 1e9, "um/sqrt(s)"),
+            "trend": checks.within("trend", self.trend, 0.0, 1e12, "um/s"),
             "drift": checks.within("drift", self.drift, -1e9, 1e9, "um/s"),
             "jitter": checks.within("jitter", self.jitter, 0.0, 3600.0, "s"),
             "coverage_factor": checks.within("coverage_factor", self.coverage_factor, 0.0, 1e9),
@@ -208,6 +213,7 @@ class ActuatorModel(Displayed, Layout):
                 "noise": "um",
                 "voltage_noise": "V",
                 "walk": "um/sqrt(s)",
+                "trend": "um/s",
                 "drift": "um/s",
                 "jitter": "s",
                 "coverage_factor": "",
@@ -494,15 +500,15 @@ class ActuatorModel(Displayed, Layout):
 
             sqrt(
                 k^2 (diag(J P J') + noise^2 + (jitter v)^2 + (g d)^2) + 1.96^2 (a^2 + (late s)^2 + n^2)
-                + 2.45^2 (walk^2 t + (drift t)^2 + creep^2)
+                + 2.45^2 (max(walk^2 t, trend^2 t min(t, T)) + (drift t)^2 + creep^2)
             )
 
         k is the `coverage_factor`, J the derivative of the prediction by the weights, P their covariance, v the
         predicted velocity, d the distance of the motion from all that the record shows and g its growth (`explored`),
         a how far `plain` differs from a model with branches beyond their usual difference, s by how much the motion is
         faster than `usual_velocity`, late by how much such motion may be late (`interval.of_speed`), n the error
-        `interval.beyond` the voltages of the record, t the time since its end: the zero walks and drifts on, at rest,
-        too, and creeps by 1 % of the stroke or more in each tenfold of the record's `duration`. Where the record has
+        `interval.beyond` the voltages of the record, t the time since its end, T its `duration`: the zero walks and
+        drifts on, at rest, too, and creeps by 1 % of the stroke or more in each tenfold of T. Where the record has
         loops of one family, such as one sine, the interval of motion inside of them is no less than that of
         `interval.of_inner_loops`.
 

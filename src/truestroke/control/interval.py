@@ -273,8 +273,17 @@ def half_width(
     return np.asarray(np.sqrt(np.maximum(motion + COVERED**2 * more + OF_ZERO**2 * zero, least)))
 
 
+def of_walk(model: ActuatorModel, time: FloatArray) -> FloatArray:
+    """Variance of a zero that walks, or moves steadily, um^2, at times of 0 and more, s.
+
+    It is the larger of walk^2 t and (trend t)^2; a trend goes on for as long as the record at most, then as a walk.
+    """
+    steady = time * np.minimum(time, model.duration) if model.duration else time**2
+    return np.asarray(np.maximum(model.walk**2 * time, model.trend**2 * steady))
+
+
 def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:
-    """Variance of the zero, um^2, at times after the end of the record, s: walk^2 t + (drift t)^2 + creep^2.
+    """Variance of the zero, um^2, at times after the end of the record, s: `of_walk` + (drift t)^2 + creep^2.
 
     Creep that is slower than the record is not in the model. It goes on with the logarithm of the time: `CREEP` of the
     stroke in each tenfold of the record's duration, or as far as the model's own largest creep state.
@@ -284,4 +293,4 @@ def of_zero(model: ActuatorModel, time: FloatArray) -> FloatArray:
     low, high = model.voltage_range
     own = float(np.abs(model.weights[model.columns["creep"]]).max(initial=0.0)) * (high - low)
     creep = max(CREEP * model.stroke, own)
-    return np.asarray(model.walk**2 * t + (model.drift * t) ** 2 + (creep * decades) ** 2)
+    return np.asarray(of_walk(model, t) + (model.drift * t) ** 2 + (creep * decades) ** 2)

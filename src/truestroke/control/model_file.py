@@ -40,6 +40,7 @@ KEYS = {
     "noise_um": "noise",
     "voltage_noise_V": "voltage_noise",
     "walk_um_per_root_s": "walk",
+    "trend_um_per_s": "trend",
     "drift_um_per_s": "drift",
     "jitter_s": "jitter",
     "coverage_factor": "coverage_factor",
@@ -51,6 +52,7 @@ SINCE = {
     "tested_frequency_Hz": 0.0,
     "voltage_noise_V": 0.0,
     "walk_um_per_root_s": 0.0,
+    "trend_um_per_s": 0.0,
     "drift_um_per_s": 0.0,
     "jitter_s": 0.0,
     "coverage_factor": 1.96,
@@ -277,7 +279,8 @@ class _Tables:
 def _model(document: dict[str, Any]) -> ActuatorModel:
     for key, wanted in (("format", FORMAT), ("version", VERSION)):
         if document.get(key) != wanted:
-            raise SettingError(key, repr(document.get(key)), f"{wanted!r}: else it is not a {FORMAT} of this version")
+            bound = f"{wanted!r}: else it is not a {FORMAT} of this version, which `truestroke identify` writes"
+            raise SettingError(key, repr(document.get(key)), bound)
     model = _of_tables(toml.decode(_Tables, _renamed(document), also=("format", "version", "before")))
     if "before" not in document:
         return model

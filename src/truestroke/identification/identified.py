@@ -1,7 +1,8 @@
 """From a record to a model: its structure, its weights, and how well it is known."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -172,7 +173,7 @@ def identify(
         "drift": None if drift is None else checks.flag("drift", drift),
         "branches": thresholds is None if branches is None else checks.flag("branches", branches),
     }
-    with notebook.progress("identify") as shown:
+    with notebook.progress("identify") as shown, _of_this_record(taken):
         part, *_ = fit_samples(to_fit, train, known, fixed, certain=False)
         if shown:
             shown(1, 2)
@@ -203,6 +204,23 @@ def identify(
     of_response = tested.frequency(of_model, fs, final.model.noise)
     model = _documented(final, test, taken, verdict).replace(tested_frequency=of_response)
     return Identified(model, test, trace, residual, *white, tried, response, evidence, verdict)
+
+
+OF_ARGUMENTS = {"thresholds", "creep_times", "asymmetry", "delay", "branches"}  # of `identify`, too
+OF_MODEL = {"initial_weights", *(f.name for f in dataclasses.fields(ActuatorModel))} - OF_ARGUMENTS
+
+
+@contextmanager
+def _of_this_record(s: Series) -> Iterator[None]:
+    """A model that is out of bounds is named as that of this record: nobody has set its members."""
+    try:
+        yield
+    except SettingError as error:
+        if error.argument.partition("[")[0] not in OF_MODEL:
+            raise
+        wrong = str(error).replace(": must be ", ", which is not ")
+        right = "that of an actuator: are its units, its clock and its columns right? `examine` says what it finds"
+        raise SettingError("record", f"{s.source or 'arrays'}, whose model has {wrong}", right) from None
 
 
 def _examined(record: Any, s: Series) -> Record:
@@ -264,7 +282,7 @@ def _half_width(model: ActuatorModel, s: Series, train: int, predicted: FloatArr
     for start in (b for b in s.breaks if b >= train):
         since[start:] -= since[start]
         apart[start:] = False
-    zero = model.walk**2 * since
+    zero = interval.of_walk(model, since)
     offset = model.columns["offset"].start
     zero[apart] += model.another_day()[offset, offset]
     return interval.half_width(model, s.volts, s.sample_rate, zero, predicted)

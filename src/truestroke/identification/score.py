@@ -189,7 +189,7 @@ def _half_width(
     since = np.abs(np.arange(volts.size) - start) / fs
     own = interval.of_motion(model, volts, fs, model.covariance, centred)
     day = interval.of_motion(model, volts, fs, model.another_day(), centred) - own
-    own = own + interval.unshown(model, volts, fs, predicted) + model.walk**2 * since
+    own = own + interval.unshown(model, volts, fs, predicted) + interval.of_walk(model, since)
     least = interval.of_inner_loops(model, volts, fs)
     widths = [interval.COVERED * np.sqrt(np.maximum(own + share**2 * day, least)) for share in OF_DAY]
     widths = [*(size * widths[0] for size in NARROWER), *widths]

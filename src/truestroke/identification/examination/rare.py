@@ -33,6 +33,7 @@ SLOW = 200.0  # Hz: few records of `LONG` s of motion are slower; one of 10 s in
 ALIASED = 3.5  # rows in a stroke; correct records of noise have 5 at least
 COUNTED = 1000  # stamps or values that are looked at
 STRAIGHT = 0.5  # % of the stroke that a linear filter leaves: actuators leave 1 to 8, set-points of a loop 0.36 at most
+STRAIGHT_ALIKE = 0.2  # the same of strokes that are alike: a filter explains most of the loop of one sine
 FILTER = 9, 0.25  # lags of the filter at most, each twice the one before, and the longest, of a stroke
 ROWS = 50_000  # that it is fitted to
 NOISY = 1.0  # % of the stroke: with more noise that difference is not seen
@@ -331,7 +332,7 @@ def _whole(values: FloatArray) -> bool:
 def _of_hysteresis(record: Record, found: Findings) -> Iterator[str]:
     """No hysteresis at all, which an actuator under a voltage has: a command, or a loop that is closed already."""
     left = nonlinear(record, found)
-    if left is not None and left < STRAIGHT:
+    if left is not None and left < (STRAIGHT_ALIKE if found.one_length else STRAIGHT):
         yield (
             f"a linear filter of the voltage leaves {left:.1g} % of the stroke beside the noise, so there is hardly "
             "any hysteresis, which an actuator under a voltage has (1 to 8 % left): is the displacement a command, or "

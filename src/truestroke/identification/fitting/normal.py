@@ -83,7 +83,8 @@ def solve(
     E = np.vstack([H, need])
     u, _ = nnls(E, np.append(np.zeros(m), 1.0))
     residual = E @ u - np.append(np.zeros(m), 1.0)
-    return c + triangular(R, -residual[:m] / residual[m])
+    with np.errstate(divide="ignore", invalid="ignore"):  # none is admissible: nan, which no model takes
+        return np.asarray(c + triangular(R, -residual[:m] / residual[m]))
 
 
 def triangular(R: FloatArray, right: FloatArray, transposed: bool = False) -> FloatArray:

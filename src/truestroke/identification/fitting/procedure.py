@@ -76,7 +76,8 @@ def fit_samples(
     stay = before is not None and before.model.branches is not None
     fit, more = _branched(plain, fine, compared, structure, weight, stay) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
-    model = fit.model.replace(walk=(more or tried)[-1].walk, drift=rate)
+    zero_moves = (more or tried)[-1].zero
+    model = fit.model.replace(walk=zero_moves.walk, trend=zero_moves.trend, drift=rate)
     rows = compared.displacement.size / fine.displacement.size
     model, shown = coverage.calibrated(model, compared, fit.structure, fit.weight * rows, fit.strain)
     drift = fit.drift
@@ -330,7 +331,9 @@ def data_of(s: Series, samples: int, rows: int) -> Data:
     x, z = s.volts[:samples], s.displacement[:samples]
     stroke = float(np.ptp(z) * np.ptp(s.volts) / np.ptp(x))
     every = -(-x.size // rows)
-    zeros = 0.0, float(np.polyfit(x, z, 1)[1]), float(z.min())
+    middle, span = float(x.mean()), float(np.ptp(x))
+    u = (x - middle) / span  # of a voltage far from 0 beside its span, too
+    zeros = 0.0, float(z.mean() - middle / span * (u @ z) / (u @ u)), float(z.min())
     zero = next(a for a in zeros if z.min() - NEAR * stroke <= a <= z.max() + NEAR * stroke)
     return Data(
         volts=x,

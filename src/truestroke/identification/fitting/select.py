@@ -61,6 +61,16 @@ LONGEST_DELAY = 0.1  # s
 QUICK = 16  # plays of the first fit
 
 
+class Zero(NamedTuple):
+    """How the zero moves after a fit, by the mean errors of later blocks: see `_Blocks.zero`."""
+
+    walk: float = 0.0  # um/sqrt(s), of a random walk
+    trend: float = 0.0  # um/s, of a zero that moves steadily
+
+
+STILL = Zero()
+
+
 @dataclass(frozen=True)
 class Tried:
     """A structure that cross-validation compared.
@@ -75,15 +85,15 @@ class Tried:
         Of what was predicted, um.
     modes : int
         Resonances of the stage.
-    walk : float
-        Random walk of the zero, um/sqrt(s), of what was chosen; 0 of the others: see `_Blocks.walk`.
+    zero : Zero
+        How the zero of what was chosen moves on; 0 of the others.
     """
 
     structure: Structure
     prior: float
     rmse: float
     modes: int = 0
-    walk: float = 0.0
+    zero: Zero = STILL
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -177,20 +187,26 @@ class _Blocks:
         each = ((normal.solve(pull, above=before), out) for before, out in self.within(s))
         return float(np.sqrt(sum(normal.sum_of_squares(out, c) for c, out in each) / self.rows))
 
-    def walk(self, s: Structure, weight: float) -> float:
-        """Random walk of the zero, um/sqrt(s), by the mean errors of later blocks.
+    def zero(self, s: Structure, weight: float) -> Zero:
+        """Random walk of the zero, and its trend, by the mean errors of later blocks.
 
         Their squares are walk^2 times the seconds since the fit, and so are their sums. And of means over the time L
         beside each other the squared difference is (2 walk^2 L + 3 c / L) / 3, where c / L is of errors that return,
         for a quarter and for half of a block. Few blocks show either; where the second is larger, the geometric mean.
+
+        The trend is the rms of the slopes, one for each fit, of lines through 0 at its end: a zero that goes to and fro
+        slowly, as with the temperature, is a walk at first, and further off than one later.
         """
         pull, columns = self.pull(s, weight), np.append(s.columns_in(self.full), -1)
         quarter = self.rows / len(self.means) * self.data.every / self.data.sample_rate
         squares = seconds = 0.0
+        slopes: list[float] = []
         steps: dict[int, list[float]] = {1: [], 2: []}
         for k, (before, _) in enumerate(self.within(s)):
             c = normal.solve(pull, above=before)
             errors = self.means[QUARTERS * k :, columns] @ np.append(c, -1.0)
+            since = quarter * (np.arange(errors.size) + 0.5)
+            slopes.append(float(since @ errors / (since @ since)))
             blocks = errors.reshape(-1, QUARTERS).mean(axis=1)
             squares += float(blocks @ blocks)
             seconds += QUARTERS * quarter * float(np.sum(np.arange(blocks.size) + 0.5))
@@ -198,7 +214,7 @@ class _Blocks:
                 found += list(np.diff(errors.reshape(-1, width).mean(axis=1)) ** 2)
         short, long = (1.5 * float(np.mean(found)) / (width * quarter) for width, found in steps.items())
         grown, stepped = squares / seconds, (4 * long - short) / 3
-        return math.sqrt(math.sqrt(grown * max(grown, stepped)))
+        return Zero(math.sqrt(math.sqrt(grown * max(grown, stepped))), math.sqrt(float(np.mean(np.square(slopes)))))
 
 
 def _blocks(data: Data, s: Structure, guess: FloatArray) -> _Blocks:
@@ -254,7 +270,7 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     rmse, bank, chosen, weight = best
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
     found = [Tried(s, w / noise, score, modes) for score, _, s, w in tried]
-    return chosen, weight, (*found, Tried(chosen, weight / noise, rmse, modes, bank.walk(chosen, weight)))
+    return chosen, weight, (*found, Tried(chosen, weight / noise, rmse, modes, bank.zero(chosen, weight)))
 
 
 def _with_drift(bank: _Blocks, s: Structure, creeps: Structure, weights: Sequence[float], better: float) -> Structure:
@@ -317,7 +333,7 @@ def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray,
     score, best, w, bank = min(good, key=lambda entry: (len(entry[1].further), entry[0]))
     modes = 0 if data.dynamics is None else len(data.dynamics.modes)
     compared = [Tried(c, w / noise, score, modes) for score, c, w, _ in tried]
-    return BranchChoice(of_kinds, (best, w, (*compared, Tried(best, w / noise, score, modes, bank.walk(best, w)))))
+    return BranchChoice(of_kinds, (best, w, (*compared, Tried(best, w / noise, score, modes, bank.zero(best, w)))))
 
 
 def _enough(plain: float, noise: float, times: float) -> float:

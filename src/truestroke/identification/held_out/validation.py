@@ -38,6 +38,7 @@ CORRELATED = 0.5  # of the autocorrelation, beyond lag 0
 OSCILLATES = -0.3  # and within this share of a stroke
 WITHIN = 0.3
 LINE_SHARE, LINE_ABOVE = 0.5, 5.0  # of the error's mean square, and times the frequency of the strokes: not motion
+SHARPEST = 200.0  # times what the voltage has of a line, over the gain: no stage rings so much; it is hum
 EXPLAINED = 0.25  # of the error's variance, by one of voltage, velocity and history
 BEATEN = (
     0.5,
@@ -77,7 +78,7 @@ class Evidence:
         The same over the rms error in the fitted part.
     over_line : float
         The same over that of a straight line through the fitted part, both without their means over sixths of the
-        time: a zero that moves is not in it.
+        time, and without the hum: a zero that moves is not in it.
     autocorrelation : float
         Of the fit's residual, the largest in magnitude beyond lag 0.
     autocorrelation_s : float
@@ -92,6 +93,8 @@ class Evidence:
         0.75 on there is a model with half the error.
     line, line_hz : float
         Share of the mean square of the held-out error in the strongest line of its spectrum, and its frequency, Hz.
+    hum : float
+        The same share, if the voltage has so little of that line that no stage could ring so much; else 0.
     jump_um, jump_s : float
         By how much the residual of the fit jumps at once, um, and the time from which on; 0 where it does not.
     drift_percent : float
@@ -138,6 +141,7 @@ class Evidence:
     gain_changed: float = 0.0
     later_s: float = 0.0
     changed_s: float = 0.0
+    hum: float = 0.0
 
 
 # ---- Evidence --------------------------------------------------------------------------------------------------------
@@ -164,20 +168,22 @@ def evidence(
     error = rms(trace.residual[tested])
     line = np.polyfit(trace.volts[fitted], trace.displacement[fitted], 1)
     off_line = trace.displacement[tested] - np.polyval(line, trace.volts[tested])
+    of_line = _line(trace, tested, findings)
+    hum = of_line["hum"] * error**2
     row = float(np.count_nonzero(trace.known) / trace.sample_rate / residual.size)
     lags = autocorrelation[1:]
     most, least = int(np.abs(lags).argmax()), int(lags.argmin())
     return Evidence(
         over_noise=_over(error, findings.noise_um),
         over_fitted=_over(error, rms(trace.residual[settled if settled.any() else fitted])),
-        over_line=_over(rms(_moving(trace.residual[tested])), rms(_moving(off_line))),
+        over_line=_over(_beside(_moving(trace.residual[tested]), hum), _beside(_moving(off_line), hum)),
         autocorrelation=float(lags[most]),
         autocorrelation_s=(most + 1) * row,
         least_autocorrelation=float(lags[least]),
         least_autocorrelation_s=(least + 1) * row,
         **_dependence(trace, tested),
         black_box=predictable(trace),
-        **_line(trace, tested),
+        **of_line,
         jump_um=0.0 if jumped is None else jumped.size,
         jump_s=0.0 if jumped is None else float(times[jumped.row]),
         drift_percent=100 * float(np.ptp(drift)) / float(np.ptp(trace.displacement)),
@@ -264,15 +270,42 @@ def _predicted(columns: FloatArray, error: FloatArray) -> float:
     return max(1 - left / total, 0.0) if total > 0 else 0.0
 
 
-def _line(trace: Trace, tested: Any) -> dict[str, float]:
+def _line(trace: Trace, tested: Any, findings: Findings) -> dict[str, float]:
     """The strongest line of the held-out error's spectrum: three values of it, behind Hann's window."""
     error = np.where(tested, trace.residual, 0.0)[np.flatnonzero(trace.held_out)]
     error = error - error.mean()
-    power = np.abs(np.fft.rfft(error * np.hanning(error.size))) ** 2
-    around = np.convolve(power, np.ones(3), mode="same")
+    window = np.hanning(error.size)
+    around, power = _lines(error * window)
     k, total = int(around.argmax()), float(power.sum())
     share = float(around[k]) / total if total > 0 else 0.0
-    return {"line": share, "line_hz": k * trace.sample_rate / error.size}
+    x = trace.volts[np.flatnonzero(trace.held_out)]
+    driven, _ = _lines((x - x.mean()) * window)
+    gain = float(np.ptp(trace.displacement) / np.ptp(trace.volts))
+    shaken = math.sqrt(float(around[k])) > SHARPEST * gain * math.sqrt(float(driven[k]))
+    line_hz = k * trace.sample_rate / error.size
+    is_hum = shaken and share > LINE_SHARE and _is_above(line_hz, findings)
+    return {"line": share, "line_hz": line_hz, "hum": share if is_hum else 0.0}
+
+
+def _stroke(findings: Findings) -> float:
+    """The mean time of a stroke, s, without gaps."""
+    return findings.rows / findings.sample_rate_hz / max(findings.strokes, 1)
+
+
+def _is_above(line_hz: float, findings: Findings) -> bool:
+    """Whether a line is too fast to be motion."""
+    return line_hz > LINE_ABOVE / (2 * _stroke(findings))
+
+
+def _lines(windowed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The power of three neighbours of its spectrum together, about each of them, and of each."""
+    power = np.abs(np.fft.rfft(windowed)) ** 2
+    return np.convolve(power, np.ones(3), mode="same"), power
+
+
+def _beside(error: FloatArray, square: float) -> float:
+    """The rms of an error without a part of this mean square."""
+    return math.sqrt(max(float(np.mean(error**2)) - square, 0.0))
 
 
 def _beyond(trace: Trace, fitted: Any, tested: Any) -> dict[str, float]:
@@ -350,18 +383,20 @@ def _is_untested(found: Evidence) -> bool:
 def _of_error(found: Evidence, held_out: HeldOut, findings: Findings) -> Iterator[tuple[Level, str]]:
     """The size of the error, against noise, stroke, line and the fitted part.
 
-    Bad is a model by what is not slow in its error, up to `LOST`: motion is predicted where the zero drifts, too.
+    Bad is a model by what is neither slow nor hum in its error, up to `LOST`: motion is predicted where the zero
+    drifts, or the sensor hums, too.
     """
     worst: Level = "doubtful" if _is_untested(found) else "bad"
     if _is_noise(found, held_out):
         if held_out.rmse_percent > POOR:
             yield (
                 "bad",
-                f"The noise of the sensor is {held_out.rmse_percent:.3g} % of the stroke: average, or move more.",
+                f"The error is {figures(held_out.rmse_percent, 2)} % of peak-to-peak, {_times(found.over_noise)} the "
+                "noise of the sensor: average, or move more.",
             )
         return
     error, times = sizes(held_out.rmse_um, held_out.rmse_percent, found.over_noise, findings.noise_um)
-    motion = held_out.rmse_percent * math.sqrt(max(1 - found.time, 0.0))
+    motion = held_out.rmse_percent * math.sqrt(max(1 - found.time - found.hum, 0.0))
     if found.over_line >= LINE:
         than = "hardly better" if found.over_line < 1 else "worse"
         level: Level = worst if motion > STRAIGHT else "doubtful"
@@ -504,7 +539,7 @@ def _of_residual(found: Evidence, held_out: HeldOut, findings: Findings) -> Iter
 
 def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, str]]:
     """Autocorrelation of the residual at all lags."""
-    stroke = findings.rows / findings.sample_rate_hz / max(findings.strokes, 1)  # without gaps
+    stroke = _stroke(findings)
     if findings.rows_per_value > 1 and (found.least_autocorrelation < OSCILLATES or found.line > LINE_SHARE):
         yield (
             "doubtful",
@@ -512,7 +547,7 @@ def _of_whiteness(found: Evidence, findings: Findings) -> Iterator[tuple[Level, 
             "steps: record at the rate of the sensor, or leave out the rows between.",
         )
         return
-    if found.line > LINE_SHARE and found.line_hz > LINE_ABOVE / (2 * stroke):
+    if found.line > LINE_SHARE and _is_above(found.line_hz, findings):
         yield (
             "doubtful",
             f"{100 * found.line:.0f} % of the error is one line at {figures(found.line_hz, 4)} Hz: hum, a floor that "
