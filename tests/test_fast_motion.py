@@ -333,3 +333,31 @@ def test_noise_above_the_first_mode_is_behind_three_poles(number: int, before: f
     recording = fast.record(1777, number, "measured")
     error = recording["true"] - recording["desired"]
     assert 100 * error[error.size // 2 :].std() / np.ptp(recording["desired"]) < before / 1.5
+
+
+@pytest.mark.parametrize(
+    ("known", "seed", "start", "after"),
+    [("dynamics", 2, 21.0, 0.26), ("dynamics", 1, 3.2, 17.0), ("f0", 1, 12.0, 15.0)],
+)
+def test_the_noise_of_a_soft_stage_is_no_jump_where_learning_begins_or_goes_on(known, seed, start, after) -> None:
+    """f0 a 300th of the sample rate: `start` and `after` a hold it was so much, % of peak to peak."""
+    stage = StageSettings(
+        sample_rate=20_000.0, resonances=(65.0,), dampings=(0.02,), hysteresis_kind="preisach", dead_time=1e-4
+    )
+    wave = trajectories.sine(
+        frequency=15.0, peak_to_peak=15.0, offset=10.0, duration=0.7, ramp=0.1, sample_rate=20_000.0
+    )
+    given = {"dynamics": stage.dynamics()} if known == "dynamics" else {"resonance": 65.0}
+    controller = AdaptiveController(
+        sample_rate=20_000.0, stroke=stage.stroke, voltage_limits=stage.voltage_limits, **given
+    )
+    plant, error = StagePlant(stage, seed=seed), []
+    plant.open()
+    for k in range(wave.position.size):
+        if k in (10_000, 11_000):
+            (controller.hold if k == 10_000 else controller.resume)()
+        volts = controller.command(wave.position[k], wave.velocity[k], wave.acceleration[k])
+        controller.adapt(float(plant.exchange(np.array([volts]))[0]))
+        error.append(100 / 15.0 * abs(plant.truth[0] - wave.position[k]))
+    assert max(error[:4000]) < max(start / 2, 4.5)
+    assert max(error[11_000:]) < max(after / 10, 0.5)

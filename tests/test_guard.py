@@ -147,7 +147,7 @@ def test_what_kept_weights_missed_counts_until_they_are_asked_again() -> None:
 def test_weights_of_a_slow_motion_are_not_held_in_a_fast_one() -> None:
     """f0 given 15 % too low: they were 50 to 80 % off in a sine of f0/4, where the error was 4 %."""
     _, error, _ = changing_motion.follow(5118, 0.85, measured=False, last="fast")
-    assert error["fast"][1] < 20
+    assert error["fast"][1] < 25
     assert error["fast"][0] < 5
 
 
@@ -257,7 +257,7 @@ def wavering(controller, frequency: float) -> list[list[float]]:
     return seen
 
 
-@pytest.mark.parametrize(("frequency", "forgotten"), [(26.0, True), (45.0, False)])
+@pytest.mark.parametrize(("frequency", "forgotten"), [(30.0, True), (45.0, False)])
 def test_an_oscillation_below_where_a_stage_is_looked_for_is_forgotten_where_nothing_else_helps(
     frequency, forgotten
 ) -> None:

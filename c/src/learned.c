@@ -26,7 +26,8 @@
 #define SETTLED_HELD 3              /* windows until held weights are judged */
 #define HELPS ((ts_real)0.8)        /* of the error that had grown: earlier weights are better, */
 #define AS_GOOD ((ts_real)1.3)      /* and, times the least, as good as they were */
-#define AT_ONCE ((ts_real)1.5)      /* times the error that had grown: held weights are not waited for */
+#define AT_ONCE ((ts_real)1.5)      /* times the error that had grown: held weights are not waited for, */
+#define RINGS_OUT 1                 /* behind so many windows in which the stage still rings of their coming */
 #define WORN ((ts_real)1.5)         /* times the error that they had at first: they are old */
 #define FIRST_HOLD 4                /* blocks of the first hold, */
 #define LONGEST_HOLD 256            /* and of the longest */
@@ -275,8 +276,7 @@ static void judge_growth(ts_controller *c, ts_real error, ts_real speed, bool ot
     }
     bool grew = error > GREW * g->least && error > least_grown(c, noise) && !(g->left > 0);
     g->bad = grew ? g->bad + 1 : 0;
-    bool last = c->guard.error > error; /* it grew within the block: what it is by now is what the held weights are compared with */
-    if (!(g->bad < (g->wait > FIRST_HOLD ? 1 : GROWN))) hold_least(c, last ? c->guard.error : error); /* after a hold one is enough */
+    if (!(g->bad < (g->wait > FIRST_HOLD ? 1 : GROWN))) hold_least(c, error); /* after a hold one is enough */
 }
 
 /* At the end of a window: whether the error has risen in each of the last ones to many times that of the weights that are kept, which
@@ -354,7 +354,7 @@ static void watch_growth(ts_controller *c, ts_real noise)
         hold_least(c, guard->error);
         g->windows = g->square = g->speed = g->ticks = g->rising = 0;
     }
-    bool burst = g->held > 0 && guard->error > AT_ONCE * g->failed;
+    bool burst = g->held > RINGS_OUT && guard->error > AT_ONCE * g->failed;
     if (g->held > 0) g->held += 1;
     if (g->held > 0 && g->held <= SETTLED_HELD && !burst) {
         g->speed = g->ticks = 0;

@@ -46,7 +46,8 @@ AS_FAST = 1.2  # times as fast, or as slow: another motion
 SETTLED_HELD = 3  # windows until held weights are judged
 HELPS = 0.8  # of the error that had grown: earlier weights are better,
 AS_GOOD = 1.3  # and, times the least, as good as they were
-AT_ONCE = 1.5  # times the error that had grown: held weights are not waited for
+AT_ONCE = 1.5  # times the error that had grown: held weights are not waited for,
+RINGS_OUT = 1  # behind so many windows in which the stage still rings of their coming
 WORN = 1.5  # times the error that they had at first: they are old
 LONGEST_HOLD = 256  # blocks
 
@@ -240,7 +241,7 @@ def judge_growth(
     grew = error > GREW * g.least and error > least_grown(c, noise) and not g.left
     g.bad = g.bad + 1 if grew else 0
     if g.bad >= (GROWN if g.wait == FIRST_HOLD else 1):
-        hold_least(c, law, g, max(error, c.kept.guard.error))  # it grew within the block
+        hold_least(c, law, g, error)
 
 
 def has_risen(c: State, g: Growth, noise: float) -> bool:
@@ -314,7 +315,7 @@ def watch_growth(c: State, law: FilteringLaw, noise: float) -> None:
         keep_least(g, c.kept.weights, guard.best, math.sqrt(g.paced / guard.settings.window))
         hold_least(c, law, g, guard.error)
         g.windows, g.square, g.speed, g.ticks, g.rising = 0, 0.0, 0.0, 0, 0
-    burst = g.held > 0 and guard.error > AT_ONCE * g.failed
+    burst = g.held > RINGS_OUT and guard.error > AT_ONCE * g.failed
     g.held += g.held > 0
     if 0 < g.held <= SETTLED_HELD and not burst:
         g.speed, g.ticks = 0.0, 0
