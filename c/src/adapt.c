@@ -260,12 +260,13 @@ int ts_patience(const ts_controller *c)
 }
 
 /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the law's filters must not start from
- * it. Of the noise of the samples before they have a part alone, so that behind a pause the law waits until it has decayed. */
+ * it. Of the noise of the samples before they have a part alone, so that behind a pause the law waits until it has decayed. Pauses within
+ * that time do not make it longer: a limit that is met again and again would end all learning. */
 static void start_filters(ts_controller *c)
 {
     ts_kalman *k = &c->law.kalman;
     ts_real first = c->found.known ? c->stage.resonance : c->settings->dynamics.first;
-    if (!k->started && c->lagged.ticks > 1) ts_kalman_wait(k, (int)(1 / first));
+    if (!k->started && c->lagged.ticks > 1 && k->since_change >= 0) ts_kalman_wait(k, (int)(1 / first));
     ts_kalman_start_filters(k, c->parameters);
 }
 

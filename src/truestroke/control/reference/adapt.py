@@ -310,8 +310,9 @@ def start_filters(c: State, law: FilteringLaw) -> None:
     """The law's filters start at 0, for one notched sample is noise, thousands of times that of z on a soft stage.
 
     Of the noise of the samples before they have a part alone: behind a pause the law waits until it has decayed.
+    Pauses within that time do not make it longer: a limit that is met again and again would end all learning.
     """
-    if not law.started and c.lagged.ticks > 1:
+    if not law.started and c.lagged.ticks > 1 and law.since_change >= 0:
         law.wait(int(1 / (c.stage.resonance if c.stage.found else c.members["dynamics.first"])))
     law.start_filters()
 
