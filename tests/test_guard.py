@@ -257,7 +257,7 @@ def wavering(controller, frequency: float) -> list[list[float]]:
     return seen
 
 
-@pytest.mark.parametrize(("frequency", "forgotten"), [(30.0, True), (45.0, False)])
+@pytest.mark.parametrize(("frequency", "forgotten"), [(25.0, True), (45.0, False)])
 def test_an_oscillation_below_where_a_stage_is_looked_for_is_forgotten_where_nothing_else_helps(
     frequency, forgotten
 ) -> None:

@@ -699,9 +699,9 @@ def test_the_kernel_is_the_numpy_text_in_a_loop_that_is_late(f0: float, ticks: i
 
 
 def test_a_ringing_far_above_the_limit_of_the_damping_is_damped_to_its_end() -> None:
-    """A load of 1.3 strokes; swings that become smaller do not end the damping."""
+    """A load of 1.5 strokes; swings that become smaller do not end the damping."""
     wide = {"voltage_limits": (-30.0, 40.0)}
-    knocked = dataclasses.replace(LATE, **wide, resonances=(300.0,), dampings=(0.003,), load=-30.0, load_time=0.1)
+    knocked = dataclasses.replace(LATE, **wide, resonances=(300.0,), dampings=(0.003,), load=-36.0, load_time=0.1)
     wave = sine(frequency=30.0, peak_to_peak=8.0, offset=12.0, duration=0.2, ramp=0.05, sample_rate=10_000.0)
     settings = ControllerSettings(**KNOWN | wide, resonance=300.0)
     kernel, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
