@@ -361,3 +361,26 @@ def test_the_noise_of_a_soft_stage_is_no_jump_where_learning_begins_or_goes_on(k
         error.append(100 / 15.0 * abs(plant.truth[0] - wave.position[k]))
     assert max(error[:4000]) < max(start / 2, 4.5)
     assert max(error[11_000:]) < max(after / 10, 0.5)
+
+
+@pytest.mark.parametrize("every", [38, 60])
+def test_pauses_in_each_half_wave_of_the_stage_do_not_end_all_learning(every: int) -> None:
+    """77 ticks are a period of f0: where each pause began the wait anew, the weights stayed those of before."""
+    stage = StageSettings(sample_rate=5000.0, resonances=(65.0,), dampings=(0.02,), hysteresis_kind="preisach")
+    wave = trajectories.sine(frequency=10.0, peak_to_peak=15.0, offset=10.0, duration=0.3, ramp=0.1, sample_rate=5000.0)
+    known = {"stroke": stage.stroke, "voltage_limits": stage.voltage_limits, "dynamics": stage.dynamics()}
+    settings = ControllerSettings(sample_rate=5000.0, **known)
+    controller, text = AdaptiveController.from_settings(settings), ReferenceController(settings)
+    plant, moved = StagePlant(stage, seed=1), 0
+    plant.open()
+    for k in range(wave.position.size):
+        for law in (controller, text):
+            (law.hold if k % every == 0 else law.resume)()
+        before, motion = controller.weights, (wave.position[k], wave.velocity[k], wave.acceleration[k])
+        volts = controller.command(*motion)
+        assert text.command(*motion) == volts
+        z = float(plant.exchange(np.array([volts]))[0])
+        controller.adapt(z)
+        text.adapt(z)
+        moved += bool(np.any(controller.weights != before))
+    assert moved > wave.position.size / 10  # every second tick at most

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #define ALARMS 0.1                /* s: over which the rate of sudden changes is taken */
+#define A_WHILE 8                 /* of a period of the stage: a part of it for which the law learns between two waits, at least */
 #define RESUME 20                 /* 1/s: the rate below which the feedback continues after a pause */
 #define RINGS 4                   /* times the noise's: mean square of the second difference of the error where the stage rings */
 #define JUMP 16                   /* times the noise's: what one tick may add to it; a jump is no ringing */
@@ -260,13 +261,14 @@ int ts_patience(const ts_controller *c)
 }
 
 /* One notched sample is noise, thousands of times that of z where f0 is far below the sample rate: the law's filters must not start from
- * it. Of the noise of the samples before they have a part alone, so that behind a pause the law waits until it has decayed. Pauses within
- * that time do not make it longer: a limit that is met again and again would end all learning. */
+ * it. Of the noise of the samples before they have a part alone, so that behind a pause the law waits until it has decayed. Behind
+ * the wait it learns for a while, whatever pauses come: a limit that is met in each half-wave of f0 would end all learning. */
 static void start_filters(ts_controller *c)
 {
     ts_kalman *k = &c->law.kalman;
     ts_real first = c->found.known ? c->stage.resonance : c->settings->dynamics.first;
-    if (!k->started && c->lagged.ticks > 1 && k->since_change >= 0) ts_kalman_wait(k, (int)(1 / first));
+    int period = (int)(1 / first);
+    if (!k->started && c->lagged.ticks > 1 && k->since_change >= period / A_WHILE) ts_kalman_wait(k, period);
     ts_kalman_start_filters(k, c->parameters);
 }
 

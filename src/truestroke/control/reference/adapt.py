@@ -31,6 +31,7 @@ from truestroke.model.models import Motion
 from truestroke.model.operators import dot
 
 ALARMS = 0.1  # s: over which the rate of sudden changes is taken
+A_WHILE = 8  # of a period of the stage: a part of it for which the law learns between two waits, at least
 RESUME = 20.0  # 1/s: the rate below which the feedback continues after a pause
 RINGING_RATE = 50  # 1/s: how fast the mean square of the second difference follows
 LATER = 1.2  # of the resonance that was found: a third pole of the law, where its weights drift
@@ -310,10 +311,12 @@ def start_filters(c: State, law: FilteringLaw) -> None:
     """The law's filters start at 0, for one notched sample is noise, thousands of times that of z on a soft stage.
 
     Of the noise of the samples before they have a part alone: behind a pause the law waits until it has decayed.
-    Pauses within that time do not make it longer: a limit that is met again and again would end all learning.
+    Behind the wait it learns for a while, whatever pauses come: a limit that is met in each half-wave of f0 would end
+    all learning.
     """
-    if not law.started and c.lagged.ticks > 1 and law.since_change >= 0:
-        law.wait(int(1 / (c.stage.resonance if c.stage.found else c.members["dynamics.first"])))
+    period = int(1 / (c.stage.resonance if c.stage.found else c.members["dynamics.first"]))
+    if not law.started and c.lagged.ticks > 1 and law.since_change >= period // A_WHILE:
+        law.wait(period)
     law.start_filters()
 
 
