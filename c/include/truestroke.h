@@ -607,6 +607,7 @@ typedef struct {
 #define TS_MEASURED 4                 /* three derivatives of the measurement, and itself */
 #define TS_RESONANCE (TS_SHOWN + TS_MEASURED)
 #define TS_LOWEST_RESONANCE 40       /* Hz: where the search for it ends */
+#define TS_DRIVEN_ALONE ((ts_real)0.95) /* share of the plays in a resonance that is not a load which the command answers */
 #define TS_MOST_POINTED 3 /* windows that point elsewhere, between two that show a resonance, or in a search */
 #define TS_HIGHEST_RESONANCE ((ts_real)0.4) /* cycles per tick: a higher one is not seen */
 
@@ -615,7 +616,8 @@ typedef struct {
 typedef struct {
     ts_real centre;                   /* cycles per tick; 0: the first window has not begun */
     ts_real known, variance;          /* cycles per tick, and its relative variance; 0: not known */
-    ts_real lag;                      /* ticks of dead time and lag behind the plays, where it is known */
+    ts_real lag;                      /* ticks of dead time and lag behind the plays, where it is known, */
+    ts_real first_order;              /* and ticks of a first-order lag, for all of it */
     ts_real motion, power;            /* of the last window: cycles per tick of the motion, um^2 of the error */
     ts_real driven;                   /* of the last window that showed it: share of the residual of ringing alone that the plays explain, */
     ts_real sensitivity;              /* and how far fewer plays move it, over it */
@@ -654,7 +656,8 @@ typedef struct {
     ts_real burst;                    /* um^2: mean square of an error for which the estimate makes haste; 0: for none */
     ts_real loudest;                  /* um^2: mean square of an error from which on a tone is no load, */
     ts_real least;                    /* and below which nothing is shown */
-    ts_real steady;                   /* of the square of a block: from which share on a tone is a load */
+    ts_real steady;                   /* of the square of a block: from which share on a tone is a load, */
+    ts_real driven;                   /* and of the plays: from which on, in less than two periods of the motion, it is none; 1: never */
     ts_real noise;                    /* um^2: mean square of the noise of a measurement, at most */
     const ts_real *expected;          /* um/V: weights of the plays, read in the tick in which the window ends; NULL: not known */
 } ts_search;
@@ -764,6 +767,9 @@ typedef struct {
 /* After so many limited ticks beyond the desired displacement the model is considered wrong, not the limit. */
 #define TS_BEYOND 10
 
+/* Lags of an amplifier that a stage may be found behind. */
+#define TS_SLOWER 4
+
 /* Ticks of lag and dead time of a stage that was found, at most; where dynamics are given it has those of theirs. */
 #define TS_MOST_DEAD 8
 
@@ -800,6 +806,7 @@ typedef struct {
     } before;
     ts_real doubt;                    /* error over the range that the dynamics of the settings leave */
     ts_real widest;                   /* um: range of the motion so far, while the stage is known */
+    ts_real given_up;                 /* cycles per tick: of a stage with which learning has failed; 0: with none */
     uint64_t since;                   /* first tick whose strain is kept while learning rests */
     bool failed, trial;               /* with the stage that was found learning has failed, or has not been better than before yet */
     int doubted;                      /* windows in which that error has not fallen */
@@ -852,6 +859,7 @@ typedef struct {
     ts_candidate candidate;           /* Kalman */
     ts_real shown[TS_SHOWN];          /* V: of the plays in the tick before, for it, */
     ts_real rate;                     /* um/s: and zdot_d */
+    ts_real slower[TS_SLOWER];        /* V: that of `lagged`, behind lags of which one may be the amplifier's; Kalman */
     ts_guard guard;                   /* Kalman */
     struct {
         ts_real first[TS_MAX_LEARNED];                       /* weights of the start, */

@@ -27,7 +27,8 @@ static void next_lagged(ts_controller *c)
     const ts_settings *s = c->settings;
     int slot = (int)(c->lagged.ticks % TS_HISTORY);
     ts_remember_creep(&c->lagged, s);
-    ts_remember_voltage(&c->lagged, s, c->x[slot]);
+    ts_remember_voltage(&c->lagged, s, amplifier_of(c), c->x[slot]);
+    ts_follow_slower(c, c->x[slot]);
     ts_regressor(s, &c->lagged, &c->motion[slot], c->u);
 }
 

@@ -191,8 +191,8 @@ ts_status ts_controller_follow(ts_controller *c, ts_real z_d, ts_real zdot_d, ts
     ts_real known = ts_of_known_terms(c, &d);
     c->y_d = ts_wanted_of_plays(c, &d, known);
     c->flags.projected = ts_rate_dependent_slopes(c, zdot_d);
-    *volts = within_limits(c, ts_before_amplifier(&c->now, s, inverse(c)));
-    ts_remember_voltage(&c->now, s, *volts);
+    *volts = within_limits(c, ts_before_amplifier(&c->now, amplifier_of(c), inverse(c)));
+    ts_remember_voltage(&c->now, s, amplifier_of(c), *volts);
     c->bumpless *= c->stage.smoothing;
     c->handed *= 1 - s->dynamics.first / HANDS_OVER;
     write_down(c, *volts, &d, s->terms[TS_DUHEM] > 0 ? ts_of_known_terms(c, &d) : known);

@@ -15,6 +15,12 @@ static inline const ts_dynamics *dynamics_of(const ts_controller *c)
     return c->found.known ? &c->found : &c->settings->dynamics;
 }
 
+/* Share of the last tick's voltage that the lag of the amplifier keeps: as given, or as it was found with the stage; 0: it has none. */
+static inline ts_real amplifier_of(const ts_controller *c)
+{
+    return c->found.known && !c->settings->dynamics.known ? c->found.amplifier : c->settings->dynamics.amplifier;
+}
+
 /* Whether the dynamics of the settings are in use. */
 static inline bool is_given(const ts_controller *c)
 {
@@ -84,8 +90,9 @@ TS_API int ts_column(const ts_settings *s, ts_term term);
 TS_API int ts_prior_entries(const ts_settings *s, int n);
 TS_API void ts_remember_creep(ts_memory *memory, const ts_settings *s);
 TS_API ts_real ts_slope_of_duhem(const ts_settings *s, const ts_memory *memory, const ts_real *w, ts_real moved, bool up);
-TS_API ts_real ts_before_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x);
-TS_API void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x);
+TS_API ts_real ts_before_amplifier(const ts_memory *memory, ts_real kept, ts_real x);
+TS_API void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real kept, ts_real x);
+TS_API void ts_move_voltage(ts_memory *memory, const ts_settings *s, ts_real to);
 TS_API void ts_known_terms(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u);
 TS_API void ts_regressor(const ts_settings *s, const ts_memory *memory, const ts_motion *d, ts_real *u);
 
@@ -129,6 +136,8 @@ TS_API void ts_make_dynamics(ts_dynamics *g, ts_real frequency, ts_real tick, in
 TS_API void ts_adopt_resonance(ts_controller *c, ts_real frequency, ts_real highest);
 TS_API void ts_begin_anew(ts_controller *c);
 TS_API void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const ts_candidate *shown);
+TS_API void ts_follow_slower(ts_controller *c, ts_real x);
+TS_API void ts_end_amplifier(ts_controller *c);
 TS_API void ts_forget_stage(ts_controller *c);
 TS_API void ts_give_up_stage(ts_controller *c);
 TS_API bool ts_is_identified(const ts_controller *c);

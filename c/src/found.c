@@ -16,13 +16,12 @@
 #define ELSEWHERE ((ts_real)0.03) /* of the first resonance of the settings: one that differs by so much, where learning has failed */
 #define MAY_BE_SECOND ((ts_real)1.5) /* times the first resonance so far: what is shown above may be the second mode */
 #define DRIVEN ((ts_real)0.5)     /* share of the plays: what our voltage does not drive is of another axis, or comes from outside */
-#define DRIVEN_ALONE ((ts_real)0.95) /* that of a resonance which takes the place of the given one: not a load that the command answers */
 #define ANOTHER ((ts_real)0.07)   /* of the first resonance of the settings: one that differs by so much is that of another stage */
 #define SLOWEST ((ts_real)0.025)  /* of the resonance: a slower motion does not need it */
 #define NOISY 9                   /* times the variance of a measurement: nor does a smaller error, */
 #define SHAKEN ((ts_real)5e-4)    /* of the motion's range: unless the stage rings by so much, */
 #define BY_CHANCE 6               /* and with more than so many such errors in a window: noise alone has half of them */
-#define TRIED ((ts_real)0.1)      /* of a stage that missed more than the law: what is shown so near to it is it */
+#define TRIED ((ts_real)0.1)      /* of a stage that missed more than the law, or failed: what is shown so near to it is it */
 #define MOST_SENSITIVE ((ts_real)0.2) /* of a resonance: where fewer plays move it further, it is as doubtful as one after another that failed, */
 #define KNOWN ((ts_real)0.01)     /* until its relative deviation is so small; */
 #define STANDS_ALONE ((ts_real)0.1) /* further than this, ringing alone does not show it, where the law is good without it */
@@ -44,6 +43,12 @@
 #define OF_SECOND ((ts_real)0.04) /* of it: one with which they may be wrong, and what is shown may be the second mode */
 #define LOAD_COUNTS ((ts_real)0.04) /* of a sine that decays: a load lasts, and little of it remains in the mean */
 #define AS_GOOD_AS_NONE ((ts_real)1e-6) /* of the prior's variance: of a weight that stays */
+
+#define SLOW ((ts_real)2.6)       /* radians at the resonance: a first-order lag that is larger is the amplifier's */
+#define WITHOUT_DEAD ((ts_real)1.5) /* ticks of what the estimate shows as a first-order lag: of the hold and the rest of the dead time */
+
+/* Radians at the centre of the estimate, of the lags that the voltage is followed behind. */
+static const ts_real LAGS[TS_SLOWER] = {SLOW, (ts_real)3.7, (ts_real)5.2, (ts_real)7.5};
 
 /* exp(d x) of so many ticks d of dead time, times the inverse of the hold, 1 - x^2 / 12 + x^4 / 240: coefficients of x to x^4. */
 void ts_lead_of_dead_time(int dead, ts_real *first, ts_real *second, ts_real *third, ts_real *fourth)
@@ -174,8 +179,66 @@ static int dead_time(ts_controller *c, ts_real frequency, int before)
     }
     if (c->settings->dynamics.known) dead = c->settings->dynamics.dead;
     r->lag -= (ts_real)(dead - before);
+    r->first_order -= (ts_real)(dead - before);
     if (dead != before) r->ticks = 0;
     return dead;
+}
+
+/* One tick of the voltages behind each of the lags, with this one, V. */
+void ts_follow_slower(ts_controller *c, ts_real x)
+{
+    ts_real w = 2 * TS_PI * c->resonance.centre;
+    if (!(w > 0)) return;
+    for (int i = 0; i < TS_SLOWER; i++) c->slower[i] += w / (w + LAGS[i]) * (x - c->slower[i]);
+}
+
+/* Ticks of the lag of an amplifier before a stage of this frequency; 0: none is shown. A dead time that turns the resonance as far is
+ * shown as a smaller lag, or has more ticks than any here. */
+static ts_real lag_of_amplifier(const ts_controller *c, ts_real frequency)
+{
+    const ts_resonance *r = &c->resonance;
+    ts_real w = 2 * TS_PI * frequency, t = r->first_order - WITHOUT_DEAD;
+    bool known = r->windows > 0 && size_of(frequency / r->known - 1) < AGREES && !c->settings->dynamics.known;
+    return known && t > TS_MOST_DEAD && t * w > SLOW ? within(t, 0, LAGS[TS_SLOWER - 1] / w) : 0;
+}
+
+/* What `lagged` has seen of the voltage behind a lag of so many ticks, V. */
+static ts_real behind_lag(const ts_controller *c, ts_real ticks)
+{
+    ts_real at = within(ticks * (2 * TS_PI * c->resonance.centre), LAGS[0], LAGS[TS_SLOWER - 1]);
+    int i = 1;
+    while (i < TS_SLOWER - 1 && at > LAGS[i]) i++;
+    ts_real share = (at - LAGS[i - 1]) / (LAGS[i] - LAGS[i - 1]);
+    return c->slower[i - 1] + share * (c->slower[i] - c->slower[i - 1]);
+}
+
+/* The voltage that the plays of the last measured tick see is another one, V; those of the command follow it. */
+static void move_all(ts_controller *c, ts_real to)
+{
+    uint64_t ticks = c->now.ticks;
+    ts_move_voltage(&c->lagged, c->settings, to);
+    c->now = c->lagged;
+    for (uint64_t k = c->lagged.ticks; k < ticks; k++) {
+        ts_remember_creep(&c->now, c->settings);
+        ts_remember_voltage(&c->now, c->settings, amplifier_of(c), c->x[k % TS_HISTORY]);
+    }
+}
+
+/* From now on the plays see the voltage behind a lag of so many ticks, and have seen it. */
+static void begin_amplifier(ts_controller *c, ts_real ticks)
+{
+    c->found.amplifier = ticks / (1 + ticks);
+    c->resonance.lag = c->resonance.first_order = 0;
+    c->resonance.ticks = 0;
+    move_all(c, behind_lag(c, ticks));
+}
+
+/* The plays see the voltage itself again, where an amplifier was found with the stage. */
+void ts_end_amplifier(ts_controller *c)
+{
+    if (!c->found.known || !(c->found.amplifier > 0)) return;
+    c->found.amplifier = 0;
+    move_all(c, c->x[(c->lagged.ticks - 1) % TS_HISTORY]);
 }
 
 /* Active damping of a stage of this frequency: the error behind a low pass at it, which is a quarter of a period late there, is
@@ -241,10 +304,17 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const 
     ts_dynamics_state *d = &c->dynamics;
     bool again = c->found.known;
     if (!dynamics_of(c)->known) d->ticks = c->lagged.ticks;
-    int dead = dead_time(c, frequency, again ? c->found.dead : 1);
+    int before = again ? c->found.dead : 1;
+    ts_real slow = again ? 0 : lag_of_amplifier(c, frequency), kept = again ? c->found.amplifier : 0, left = 0;
+    int dead = slow > 0 ? 1 : dead_time(c, frequency, before);
     ts_make_dynamics(&c->found, frequency, s->oscillation.tick, dead);
-    ts_real left = shown != NULL ? within(shown->lag + (ts_real)dead * s->oscillation.tick, -TS_LARGEST, TS_LARGEST) : 0;
+    c->found.amplifier = kept;
+    if (shown != NULL) left = shown->lag + (ts_real)dead * s->oscillation.tick;
+    else if (slow > 0 && s->terms[TS_LAG] > 0) left = c->w[ts_column(s, TS_LAG)];
     if (shown != NULL) restate(c, 1 + shown->gain, shown->offset, left);
+    else if (slow > 0) restate(c, 1, 0, left);
+    if (slow > 0) begin_amplifier(c, slow);
+    left = within(left + slow * s->oscillation.tick, -TS_LARGEST, TS_LARGEST);
     d->started = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
@@ -292,6 +362,7 @@ void ts_forget_stage(ts_controller *c)
     c->stage.smoothing = s->smoothing;
     if (s->law != TS_LAW_KALMAN) return;
     bool ends = c->found.known, returns = ends && s->dynamics.known;
+    ts_end_amplifier(c);
     c->found.known = false;
     if (ends) ts_end_growth(c);
     if (returns) return_to_given(c);
@@ -308,8 +379,10 @@ void ts_give_up_stage(ts_controller *c)
     if (!c->found.known) return;
     c->stage.trial = false;
     c->stage.failed = true;
+    c->stage.given_up = c->stage.resonance;
     c->resonance.windows = 0;
     if (!c->settings->dynamics.known) {
+        ts_end_amplifier(c);
         c->found.known = false;
         ts_end_growth(c);
         c->resonance.lag += (ts_real)(c->found.dead - 1);
@@ -406,6 +479,8 @@ static bool matters(const ts_controller *c)
     ts_real certain = doubtful || dynamics_of(c)->known ? CERTAIN : CERTAIN_AT_FIRST;
     if (!(ts_resonance_suffices(r) || bursts) || (r->variance > certain * certain && !assumed)) return false;
     if (!c->found.known && size_of(r->centre / r->known - 1) > AGREES) return false; /* windows that walk are not noise about it */
+    bool unknown = !c->found.known && !is_given(c), again = size_of(r->known - c->stage.given_up) < TRIED * c->stage.given_up;
+    if (unknown && again && !bursts) return false;
     if (c->found.known) {
         ts_real moved = r->known / c->stage.resonance - 1;
         if (is_late(c)) return true;
@@ -420,7 +495,7 @@ static bool matters(const ts_controller *c)
         ts_real away = r->known / c->settings->dynamics.first - 1, least = failing ? ELSEWHERE : ANOTHER;
         ts_real share = away > MAY_BE_SECOND - 1 ? OF_SECOND : DOUBT, large = share * ts_guard_range(g, &c->settings->guard);
         if (!failing && !bursts && c->stage.doubted < LASTS) return false;
-        return away * away > least * least && r->power > large * large && r->driven > DRIVEN_ALONE;
+        return away * away > least * least && r->power > large * large && r->driven > TS_DRIVEN_ALONE;
     }
     ts_real least = noisy(c), large = DOUBT * ts_guard_range(&c->guard, &c->settings->guard);
     bool fast = r->motion > SLOWEST * r->known, worse = size_of(c->candidate.worse / r->known - 1) < TRIED;
@@ -514,6 +589,7 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
         .burst = c->found.known ? 0 : burst_of(c),
         .loudest = loudest_load(c, whole),
         .steady = is_given(c) && c->guard.error < NOT_URGENT ? STEADY_BESIDE_GIVEN : TS_STEADY_TONE,
+        .driven = dynamics_of(c)->known ? 1 : TS_DRIVEN_ALONE,
         .least = ts_power_of_hum(c),
         .noise = s->resonance > 0 ? 0 : c->law.kalman.sigma * c->law.kalman.sigma, /* where f0 is given windows begin about it */
         .expected = ends && expected_of_plays(c, expected) ? expected : NULL,

@@ -446,6 +446,7 @@ static void recall(ts_controller *c, ts_real offset)
     ts_kalman *k = &c->law.kalman;
     ts_resonance *r = &c->resonance;
     bool staged = c->found.known;
+    ts_end_amplifier(c);
     c->found.known = c->stage.trial = c->ringing.started = false;
     c->stage.failed = c->kept.failed;
     c->stage.rest = 0;

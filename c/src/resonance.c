@@ -52,7 +52,7 @@ typedef struct {
 typedef struct {
     ts_real f0;                     /* cycles per tick; 0: none */
     ts_real variance;               /* square of its error, over it */
-    ts_real lag, sensitivity;
+    ts_real lag, first_order, sensitivity;
     ts_real left;                   /* sum of squares of the residual */
     ts_real points;                 /* cycles per tick: to a resonance that is further away or less certain; 0: to none */
 } ts_window;
@@ -353,7 +353,8 @@ static ts_window shown_by(ts_resonance *r, ts_real (*N)[TS_RESONANCE], ts_real l
     bool stands = is_about(r, f0) && !(w.sensitivity > STANDS) && share > EXPLAIN;
     ts_real deviation = 2 * (stands ? as.about : as.sure) * ratio;
     if (!(of_ratio < deviation * deviation)) return w;
-    w.lag = dead_time_of(w.lag / (2 * ts_tangent(TS_PI * r->centre)), 2 * TS_PI * f0);
+    w.first_order = w.lag / (2 * ts_tangent(TS_PI * r->centre));
+    w.lag = dead_time_of(w.first_order, 2 * TS_PI * f0);
     w.variance = as.trust * as.trust * of_ratio / (4 * ratio * ratio) + corrected * corrected;
     r->driven = share;
     r->sensitivity = w.sensitivity;
@@ -390,11 +391,13 @@ static void know(ts_resonance *r, const ts_window *w)
     if (!(r->known > 0) || (far && r->strange)) {
         r->known = w->f0;
         r->lag = w->lag;
+        r->first_order = w->first_order;
         r->variance = new;
         r->windows = 1;
     } else if (!far) {
         r->known *= 1 + gain * change;
         r->lag += gain * (w->lag - r->lag);
+        r->first_order += gain * (w->first_order - r->first_order);
         r->variance = (1 - gain) * r->variance;
         if (r->windows < MOST_WINDOWS) r->windows++;
     }
@@ -433,6 +436,9 @@ static void pass_over_load(ts_resonance *r, ts_window *w, const ts_search *searc
     ts_real amplitude = ts_tone_amplitude(&r->tone), most = root_of(2 * r->power);
     if (r->load > most) r->load = most;
     if (!(tone > 0) || !(r->power < search->loudest)) return;
+    /* In less than two periods of the motion its harmonics are not known. */
+    bool own = r->tone.turns < 2 && r->driven > search->driven && size_of(w->f0 / tone - 1) < TS_OF_LOAD;
+    if (own) return;
     if (amplitude > r->load) r->load = amplitude;
     r->load_at = tone;
     ts_real shown = w->f0 > 0 ? w->f0 : w->points;

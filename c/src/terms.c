@@ -2,6 +2,7 @@
 #include "asymmetry.h"
 #include "controller.h"
 
+#define AT_ITS_END ((ts_real)0.999) /* of its threshold: a play that is so far from the voltage moves with it */
 #define FAR 100 /* lengths of a state of Duhem that the voltage moves in a tick, at most: it has forgotten all long before */
 
 /* Place of the first weight of a known term: behind a_i of all plays, b_i of those that have one, and the terms before it. */
@@ -52,26 +53,35 @@ ts_real ts_slope_of_duhem(const ts_settings *s, const ts_memory *memory, const t
     return sum;
 }
 
-/* The output of the amplifier after a tick with the voltage x, V. */
-static ts_real behind_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x)
+/* The output of the amplifier, whose lag keeps this share of a tick before, after a tick with the voltage x, V. */
+static ts_real behind_amplifier(const ts_memory *memory, ts_real kept, ts_real x)
 {
-    ts_real kept = s->dynamics.amplifier;
     return kept > 0 ? x + kept * (memory->play[0] - x) : x;
 }
 
 /* The voltage for a tick after which the output of the amplifier is x, V. */
-ts_real ts_before_amplifier(const ts_memory *memory, const ts_settings *s, ts_real x)
+ts_real ts_before_amplifier(const ts_memory *memory, ts_real kept, ts_real x)
 {
-    ts_real kept = s->dynamics.amplifier;
     return kept > 0 ? x + kept / (1 - kept) * (x - memory->play[0]) : x;
 }
 
-void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real x)
+void ts_remember_voltage(ts_memory *memory, const ts_settings *s, ts_real kept, ts_real x)
 {
-    x = behind_amplifier(memory, s, x);
+    x = behind_amplifier(memory, kept, x);
     for (int i = 0; i < s->terms[TS_DUHEM]; i++) memory->duhem[i] += duhem_change(s, memory, x - memory->play[0], i);
     ts_play_bank(x, s->thresholds, memory->play, s->plays);
     memory->ticks++;
+}
+
+/* The plays as if the voltage had been this one, V, where it had to come to: those that move go with it, the others stay where they
+ * can. */
+void ts_move_voltage(ts_memory *memory, const ts_settings *s, ts_real to)
+{
+    ts_real from = memory->play[0];
+    for (int i = 0; i < s->plays; i++) {
+        ts_real r = s->thresholds[i], moves = size_of(memory->play[i] - from) < AT_ITS_END * r ? 0 : to - from;
+        memory->play[i] = within(memory->play[i] + moves, to - r, to + r);
+    }
 }
 
 /* The part of the regressor that is known before the voltage is chosen; u is the place of the first of these terms. */

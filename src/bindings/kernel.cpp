@@ -173,11 +173,13 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("found_quiet", &f.quiet[0], 3);
         visit("found_tap", &f.tap[0], TS_TAPS);
         visit("found_lead", &f.lead[0], 2);
+        visit("found_amplifier", &f.amplifier, 1);
+        visit("slower", &c.slower[0], TS_SLOWER);
         visit("found_since", &c.stage.since, 1);
         visit("found_failed", &c.stage.failed, 2);
         visit("given_doubt", &c.stage.doubt, 1);
         visit("given_doubted", &c.stage.doubted, 1);
-        visit("widest_motion", &c.stage.widest, 1);
+        visit("widest_motion", &c.stage.widest, 2);
         visit("stage_sections", &d.section[0][0], sizeof d.section / sizeof(ts_real));
         visit("stage_strain", &d.strain[0], TS_HISTORY);
         visit("stage_measured", &d.z[0], 2);
@@ -272,6 +274,7 @@ void check_counters(const ts_controller &c) {
     auto stable = [](const ts_real *a) { return a[1] < 1 && a[1] > -1 && a[0] < 1 + a[1] && a[0] > -1 - a[1]; };
     bool timely = given.known ? f.dead == given.dead : f.dead >= 0 && f.dead <= TS_MOST_DEAD;
     require_all("found", !f.known || (f.sections == 1 && timely && stable(f.section[0] + 2)), "a stage of one stable mode");
+    require_all("found_amplifier", !f.known || (f.amplifier >= 0 && f.amplifier < 1), "a share from 0 to below 1");
     require_all("feedback_damping", !f.known || stable(c.feedback.damping + 3), "a stable filter");
     // The law comes as much later as the dead time; that of a found stage may just have changed.
     uint64_t dead = static_cast<uint64_t>(g.dead), ticks = c.dynamics.ticks, late = ticks - c.lagged.ticks;

@@ -40,6 +40,7 @@ SURE, TRUST = 0.02, 5  # standard deviation of an estimate, over it, and how man
 SURE_EXPECTED, TRUST_EXPECTED = 0.03, 3  # where the weights of the plays are expected
 ABOUT = 0.04  # that of one about its centre, where no stage is in the model,
 EXPLAIN = 0.5  # and the share of the plays there: what our voltage does not drive is noise
+DRIVEN_ALONE = 0.95  # that of a resonance that is not a load which the command answers: TS_DRIVEN_ALONE of the kernel
 EXPECTED = 0.1  # of the gain of all plays: how far a weight is from the one that is expected,
 EXPECTS = 5  # where the error of a window is so many times its residual
 SAME = 0.05  # of what a load shows: what is known so near to it was of the load, too
@@ -68,6 +69,7 @@ class _Window(NamedTuple):
     f0: float = 0.0  # cycles per tick; 0: none
     variance: float = 0.0  # square of its error, over it
     lag: float = 0.0
+    first_order: float = 0.0
     sensitivity: float = 0.0
     left: float = 0.0  # sum of squares of the residual
     points: float = 0.0  # cycles per tick: to a resonance that is further away or less certain; 0: to none
@@ -150,8 +152,8 @@ class ResonanceEstimator:
     ----------
     known, variance : float
         f0, cycles per tick, 0 where it is not known, and its relative variance.
-    lag : float
-        Ticks of a dead time that turns f0 as far as the lag t does, arctan(w0 t) / w0, where f0 is known.
+    lag, first_order : float
+        Ticks of a dead time that turns f0 as far as the lag t does, arctan(w0 t) / w0, where f0 is known; and t.
     driven : float
         In the last window that showed a resonance: the share that the plays explain of the residual of an equation
         without them. A tone that the voltage does not drive has a small one.
@@ -186,7 +188,7 @@ class ResonanceEstimator:
     """
 
     def __init__(self) -> None:
-        self.centre = self.known = self.variance = self.lag = self.motion = self.power = 0.0
+        self.centre = self.known = self.variance = self.lag = self.first_order = self.motion = self.power = 0.0
         self.driven = self.sensitivity = self.load = self.load_at = 0.0
         self.ticks = self.windows = 0
         self._pointed = 0  # windows that pointed elsewhere since one showed a resonance, or since the search began
@@ -250,6 +252,7 @@ class ResonanceEstimator:
         expected: FloatArray | None = None,
         powers: tuple[float, float, float] = (0.0, math.inf, 0.0),
         steady: float = STEADY_TONE,
+        driven: float = 1.0,
     ) -> bool:
         """One tick; returns whether a window has ended that adds to what is known.
 
@@ -276,6 +279,8 @@ class ResonanceEstimator:
             noise of a measurement, at most.
         steady : float
             Of the square of a block: from which share on a tone is a load.
+        driven : float
+            Of the plays: from which share on, in less than two periods of the motion, a tone is no load; 1: never.
         """
         if self._begins_to_burst(tick, error, burst):
             self.centre, self.ticks, self._pointed = SEARCH_FROM, 0, 0
@@ -291,7 +296,7 @@ class ResonanceEstimator:
         if last:
             self._window = self.ticks - self._settling
         ended = self.ticks >= self._settling + self._window
-        return ended and self._end(tick, span, highest, burst, expected, powers, steady)
+        return ended and self._end(tick, span, highest, burst, expected, powers, steady, driven)
 
     def ends(self, above: float, below: float) -> bool:
         """Whether the next tick ends a window whose mean square error is between these, um^2."""
@@ -356,6 +361,7 @@ class ResonanceEstimator:
         expected: FloatArray | None,
         powers: tuple[float, float, float],
         steady: float,
+        driven: float,
     ) -> bool:
         self.motion = self._change / (2 * math.pi * self._speed) if self._speed > 0 else 0.0
         self.power = self._error / self._window
@@ -365,7 +371,7 @@ class ResonanceEstimator:
             fast = self.motion / window.f0
             cost = COSTS * span * window.sensitivity * (fast * fast)
             window = window._replace(f0=0.0) if self.power < cost * cost or window.f0 > highest else window
-        window = self._passed_over_load(window, powers[1], steady)
+        window = self._passed_over_load(window, powers[1], steady, driven)
         if self.power < powers[0]:
             window = window._replace(f0=0.0, points=0.0)
         least = LEAST_IN_BURST if burst > 0 and self.power > burst else LEAST
@@ -376,11 +382,18 @@ class ResonanceEstimator:
             self._know(window)
         return near
 
-    def _passed_over_load(self, window: _Window, loudest: float, steady: float) -> _Window:
-        """What a window shows that may see a load: near to that, or pointing to it, it is no resonance."""
+    def _passed_over_load(self, window: _Window, loudest: float, steady: float, driven: float) -> _Window:
+        """What a window shows that may see a load: near to that, or pointing to it, it is no resonance.
+
+        In less than two periods of the motion its harmonics are not known, and what rings at one of them looks like a
+        load: it is the resonance where the plays explain more than this share of it.
+        """
         load, amplitude = self._tone.shown(steady, ORDERS_OF_STAGE, OFF_HARMONIC_OF_STAGE), self._tone.amplitude
         self.load = min(self.load, math.sqrt(2 * self.power))
         if not load > 0 or not self.power < loudest:
+            return window
+        near = abs(window.f0 / load - 1) < OF_LOAD
+        if near and self.driven > driven and not self._tone.knows_motion:
             return window
         self.load, self.load_at = max(self.load, amplitude), load
         shown = window.f0 if window.f0 > 0 else window.points
@@ -493,11 +506,12 @@ class ResonanceEstimator:
         deviation = 2 * (about if stands else sure) * ratio
         if not of_ratio < deviation * deviation:
             return _Window(sensitivity=sensitivity, left=left, points=f0)
-        lag = _dead_time(lag / (2 * tangent(math.pi * self.centre)), 2 * math.pi * f0)
+        first_order = lag / (2 * tangent(math.pi * self.centre))
+        lag = _dead_time(first_order, 2 * math.pi * f0)
         self.driven, self.sensitivity = share, sensitivity
         within = NEAREST * self.centre < f0 < FURTHEST * self.centre
         variance = trust * trust * of_ratio / (4 * ratio * ratio) + corrected * corrected
-        return _Window(f0 if within else 0.0, variance, lag, sensitivity, left, f0)
+        return _Window(f0 if within else 0.0, variance, lag, first_order, sensitivity, left, f0)
 
     def _frequency(self, ratio: float) -> float:
         """The resonance of (centre / f0)^2, of their tangents, cycles per tick."""
@@ -550,16 +564,18 @@ class ResonanceEstimator:
 
     def _know(self, window: _Window) -> None:
         """After a window that shows a resonance."""
-        f0, lag, new = window.f0, window.lag, window.variance + LEAST * LEAST
+        f0, lag, first_order, new = window.f0, window.lag, window.first_order, window.variance + LEAST * LEAST
         self.variance += WALK * WALK
         change = f0 / self.known - 1 if self.known > 0 else 0.0
         gain = self.variance / (self.variance + new)
         far = change * change > JUMPS * JUMPS * (self.variance + new)
         if not self.known > 0 or (far and self._strange):
-            self.known, self.variance, self.lag, self.windows = f0, new, lag, 1
+            self.known, self.variance, self.windows = f0, new, 1
+            self.lag, self.first_order = lag, first_order
         elif not far:
             self.known *= 1 + gain * change
             self.lag += gain * (lag - self.lag)
+            self.first_order += gain * (first_order - self.first_order)
             self.variance = (1 - gain) * self.variance
             self.windows = min(self.windows + 1, MOST)
         self._strange = far and not self._strange

@@ -115,6 +115,11 @@ class ToneDetector:
         return frequency
 
     @property
+    def knows_motion(self) -> bool:
+        """Whether the period of the motion is known: it has turned upwards twice."""
+        return self._turns > 1
+
+    @property
     def ticks(self) -> int:
         """That have passed."""
         return self._passed

@@ -12,7 +12,7 @@ from truestroke.control.adaptation import LARGEST, FilteringLaw, Law, UpdateRefu
 from truestroke.control.guard import SETTLED
 from truestroke.control.reference.command import slopes_at
 from truestroke.control.reference.first import least_slope
-from truestroke.control.reference.found import watch_resonance
+from truestroke.control.reference.found import follow_slower, watch_resonance
 from truestroke.control.reference.hum import (
     follow_hum,
     hum_of,
@@ -96,6 +96,7 @@ def next_lagged(c: State) -> FloatArray:
         del c.waiting[tick - HISTORY]
     remember_creep(c, c.lagged)
     remember_voltage(c, c.lagged, command.x)
+    follow_slower(c, command.x)
     c.u = regressor(c, c.lagged, command.motion)
     return c.u
 

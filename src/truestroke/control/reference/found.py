@@ -1,5 +1,6 @@
 """The resonance that is measured while the stage moves: what follows from it, and the stage that is made of it."""
 
+import copy
 import math
 
 import numpy as np
@@ -14,7 +15,8 @@ from truestroke.control.reference.command import keep_command, look_ahead_anew
 from truestroke.control.reference.first import is_identified, shows_gain
 from truestroke.control.reference.hum import power_of_hum
 from truestroke.control.reference.state import HISTORY, Growth, State
-from truestroke.control.resonance import HIGHEST, SHOWN, shown
+from truestroke.control.reference.terms import move_voltage, remember_creep, remember_voltage
+from truestroke.control.resonance import DRIVEN_ALONE, HIGHEST, SHOWN, shown
 from truestroke.control.stage import MOST_DEAD, Stage, found
 from truestroke.control.tone import STEADY_TONE
 from truestroke.model.operators import dot
@@ -32,14 +34,13 @@ LASTS = 8  # windows with such an error, which does not fall: then they are doub
 ELSEWHERE = 0.03  # of the first resonance of the settings: one that differs by so much, where learning has failed
 MAY_BE_SECOND = 1.5  # times the first resonance so far: what is shown above may be the second mode
 DRIVEN = 0.5  # share of the plays: what our voltage does not drive is of another axis, or comes from outside
-DRIVEN_ALONE = 0.95  # that of a resonance which takes the place of the given one: not a load that the command answers
 ANOTHER = 0.07  # of their first resonance: one that differs by so much is that of another stage
 FIRST_HOLD = 4  # blocks of the first hold of weights that had the least error
 SLOWEST = 0.025  # of the resonance: a slower motion does not need it
 NOISY = 9  # times the variance of a measurement: nor does a smaller error,
 SHAKEN = 5e-4  # of the range of the motion: unless the stage rings by so much,
 BY_CHANCE = 6  # and with more than so many such errors in a window: noise alone has half of them
-TRIED = 0.1  # of a stage that missed more than the law: what is shown so near to it is it
+TRIED = 0.1  # of a stage that missed more than the law, or failed: what is shown so near to it is it
 MOST_SENSITIVE = 0.2  # of a resonance: where fewer plays move it further, it is as doubtful as one after a failure,
 KNOWN = 0.01  # until its relative deviation is so small;
 STANDS_ALONE = 0.1  # further than this, ringing alone does not show it, where the law is good without it
@@ -61,6 +62,9 @@ NOT_URGENT = 0.03  # of the motion's range: a smaller error
 OF_SECOND = 0.04  # of it: one with which they may be wrong, and what is shown may be the second mode
 LOAD_COUNTS = 0.04  # of a sine that decays: a load lasts, and little of it remains in the mean
 AS_GOOD_AS_NONE = 1e-6  # of the prior's variance: of a weight that stays
+SLOW = 2.6  # radians at the resonance: a first-order lag that is larger is the amplifier's
+WITHOUT_DEAD = 1.5  # ticks of what the estimate shows as a first-order lag: of the hold and the rest of the dead time
+LAGS = (SLOW, 3.7, 5.2, 7.5)  # radians at the centre of the estimate, that the voltage is followed behind
 
 
 def inertia_of(c: State, frequency: float) -> float:
@@ -72,6 +76,7 @@ def inertia_of(c: State, frequency: float) -> float:
 def forget_stage(c: State) -> None:
     """The stage according to the settings."""
     stage, law = c.stage, c.filtering
+    end_amplifier(c)
     stage.smoothing, stage.resonance, stage.inertia = c.members["smoothing"], 0.0, 0.0
     before, c.stage.found = c.path if stage.found else None, False
     if not c.members["dynamics.known"]:
@@ -201,11 +206,21 @@ def adopt_stage(c: State, law: FilteringLaw, frequency: float, ringing: float, s
     """
     s, stage, tick, before = c.settings, c.stage, c.oscillation.tick, c.path
     again = stage.found
-    dead = dead_time(c, frequency, before.dead if again and before is not None else 1)
-    left = 0.0 if shown is None else min(max(shown.lag + dead * tick, -LARGEST), LARGEST)
+    slow = 0.0 if again else lag_of_amplifier(c, frequency)
+    dead = 1 if slow > 0 else dead_time(c, frequency, before.dead if again and before is not None else 1)
+    left = 0.0
     if shown is not None:
+        left = shown.lag + dead * tick
         restate(c, law, 1 + shown.gain, shown.offset, left)
+    elif slow > 0:
+        left = float(law.weights[s.columns["lag"]].sum())
+        restate(c, law, 1.0, 0.0, left)
     c.path, stage.found = Stage(found(frequency, tick, dead), s.parameters), True
+    stage.amplifier = stage.amplifier if again else 0.0
+    if slow > 0:
+        begin_amplifier(c, slow)
+        left += slow * tick
+    left = min(max(left, -LARGEST), LARGEST)
     if before is None:
         c.path.go_on(c.lagged.ticks, dict(stage.strain), stage.z)
     else:
@@ -276,9 +291,62 @@ def dead_time(c: State, frequency: float, before: int) -> int:
     if c.members["dynamics.known"]:
         dead = c.members["dynamics.dead"]
     known.lag -= dead - before
+    known.first_order -= dead - before
     if dead != before:
         known.ticks = 0
     return dead
+
+
+def follow_slower(c: State, x: float) -> None:
+    """One tick of the voltages behind each of the `LAGS`, with this one, V."""
+    w = 2 * math.pi * c.estimator.centre
+    if w > 0:
+        c.slower = [slow + w / (w + lag) * (x - slow) for slow, lag in zip(c.slower, LAGS, strict=True)]
+
+
+def lag_of_amplifier(c: State, frequency: float) -> float:
+    """Ticks of the lag of an amplifier before a stage of this frequency; 0: none is shown.
+
+    A dead time that turns the resonance as far is shown as a smaller lag, or has more ticks than any here.
+    """
+    known, w = c.estimator, 2 * math.pi * frequency
+    t = known.first_order - WITHOUT_DEAD
+    if c.members["dynamics.known"] or not known.windows > 0 or not abs(frequency / known.known - 1) < AGREES:
+        return 0.0
+    return min(t, LAGS[-1] / w) if t > MOST_DEAD and t * w > SLOW else 0.0
+
+
+def behind_lag(c: State, ticks: float) -> float:
+    """What `lagged` has seen of the voltage behind a lag of so many ticks, V."""
+    at = min(max(ticks * (2 * math.pi * c.estimator.centre), LAGS[0]), LAGS[-1])
+    i = next((i for i in range(1, len(LAGS) - 1) if not at > LAGS[i]), len(LAGS) - 1)
+    share = (at - LAGS[i - 1]) / (LAGS[i] - LAGS[i - 1])
+    return c.slower[i - 1] + share * (c.slower[i] - c.slower[i - 1])
+
+
+def move_all(c: State, to: float) -> None:
+    """The voltage that the plays of the last measured tick see is another one, V; those of the command follow it."""
+    ticks = c.now.ticks
+    move_voltage(c, c.lagged, to)
+    c.now = copy.deepcopy(c.lagged)
+    for tick in range(c.lagged.ticks, ticks):
+        remember_creep(c, c.now)
+        remember_voltage(c, c.now, c.waiting[tick].x)
+
+
+def begin_amplifier(c: State, ticks: float) -> None:
+    """From now on the plays see the voltage behind a lag of so many ticks, and have seen it."""
+    c.stage.amplifier = ticks / (1 + ticks)
+    c.estimator.lag = c.estimator.first_order = 0.0
+    c.estimator.ticks = 0
+    move_all(c, behind_lag(c, ticks))
+
+
+def end_amplifier(c: State) -> None:
+    """The plays see the voltage itself again, where an amplifier was found with the stage."""
+    if c.stage.found and c.stage.amplifier > 0:
+        c.stage.amplifier = 0.0
+        move_all(c, c.waiting[c.lagged.ticks - 1].x)
 
 
 def begin_growth(c: State, *, first: bool) -> None:
@@ -303,10 +371,12 @@ def give_up_stage(c: State, law: FilteringLaw) -> None:
         return
     stage = c.stage
     stage.failed, stage.trial, c.estimator.windows = True, False, 0
+    stage.given_up = stage.resonance
     if c.members["dynamics.known"]:
         forget_stage(c)
         keep_command(c)
         return
+    end_amplifier(c)
     stage.z = c.path.z
     c.estimator.lag += c.path.dead - 1  # behind the plays of a tick before
     c.estimator.ticks = 0
@@ -389,6 +459,9 @@ def matters(c: State) -> bool:
     if not (known.suffices or bursts) or (known.variance > certain * certain and not assumed):
         return False
     if not stage.found and abs(known.centre / known.known - 1) > AGREES:  # windows that walk are not noise about it
+        return False
+    again = abs(known.known - stage.given_up) < TRIED * stage.given_up
+    if not stage.found and not c.is_given and again and not bursts:
         return False
     if stage.found:
         moved = known.known / stage.resonance - 1
@@ -516,7 +589,9 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if unknown:
         try_candidate(c, z, zdot_d)
     steady = STEADY_BESIDE_GIVEN if c.is_given and guard.error < NOT_URGENT else STEADY_TONE
-    known = c.estimator.update(tick, before, z, error, *motion, span, highest_first(c), burst, expected, powers, steady)
+    least = span, highest_first(c), burst
+    driven = DRIVEN_ALONE if path is None else 1.0
+    known = c.estimator.update(tick, before, z, error, *motion, *least, expected, powers, steady, driven)
     c.rate = zdot_d
     if unknown and c.estimator.ticks == 0:
         c.candidate.end(tick)

@@ -12,6 +12,7 @@ from truestroke.control.reference.found import (
     FIRST_HOLD,
     LASTS,
     begin_growth,
+    end_amplifier,
     forget_stage,
     give_up_stage,
     move_offset,
@@ -141,6 +142,7 @@ def recall(c: State, law: FilteringLaw, offset: float) -> None:
     """The kept weights again, moved by this offset, um, and what was known of the stage with them."""
     kept, stage, known = c.kept, c.stage, c.estimator
     staged = c.path is not None
+    end_amplifier(c)
     if c.path is not None:
         stage.z, c.path, stage.found = c.path.z, None, False
     c.ringing.u, stage.growth = None, None

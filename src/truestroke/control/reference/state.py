@@ -23,6 +23,7 @@ from truestroke.signals.timing import LONGEST_AGO
 
 HISTORY = LONGEST_AGO + 1
 """Commands that may wait for their measurement. TS_HISTORY of the kernel."""
+SLOWER = 4  # lags of an amplifier that a stage may be found behind: TS_SLOWER of the kernel
 BACKLOG = 64
 """Ticks without a measurement, beside those that one takes to come, after which the oldest is passed over."""
 FEEDBACKS = 13  # filters at most: TS_FEEDBACKS of the kernel
@@ -82,12 +83,14 @@ class FirstResonance:
     smoothing: float = 0.0  # share of a learned change that the command still lacks a tick later
     rest: float = 0.0  # ticks until learning begins again
     age: float = 0.0  # s since `newer` was kept
-    found: bool = False  # it is in the model
+    found: bool = False  # it is in the model,
+    amplifier: float = 0.0  # with an amplifier whose lag keeps this share of the voltage of the last tick; 0: none
     failed: bool = False  # with the stage that was found learning has failed,
     trial: bool = False  # or has not been better than before yet
     doubt: float = 0.0  # error over the range that the dynamics of the settings leave,
     doubted: int = 0  # and windows in which it has not fallen
     widest: float = 0.0  # um: range of the motion so far, while the stage is known
+    given_up: float = 0.0  # cycles per tick: of a stage with which learning has failed; 0: with none
     strain: dict[int, float] = field(default_factory=dict)  # um: while learning rests, by tick,
     since: int = 0  # from this one on,
     z: tuple[float, float] = (0.0, 0.0)  # um: and the last two measurements, the newer first
@@ -219,6 +222,7 @@ class State:
         self.oscillating = self.restored = False
         self.ringing = Ringing()
         self.estimator, self.shown, self.rate = ResonanceEstimator(), np.zeros(SHOWN), 0.0
+        self.slower = [0.0] * SLOWER  # V: that of `lagged`, behind lags of which one may be the amplifier's
         self.candidate = Candidate()
         self.stage = FirstResonance(OscillationDetector(self.oscillation), self.law.weights, self.law.weights)
 
@@ -254,6 +258,12 @@ class State:
     def measures_inertia(self) -> bool:
         """Whether the inertia of the stage is learned from the measured acceleration."""
         return self.settings.inertia and self.path is None and self.oscillation.tick > 0
+
+    @property
+    def amplifier(self) -> float:
+        """Share of the last tick's voltage that the lag of the amplifier keeps, as given or found; 0: it has none."""
+        given = self.members["dynamics.known"] or not self.stage.found
+        return float(self.members["dynamics.amplifier"]) if given else self.stage.amplifier
 
     @property
     def is_given(self) -> bool:

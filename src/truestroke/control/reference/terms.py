@@ -7,6 +7,8 @@ from truestroke.control.reference.state import Memory, State
 from truestroke.model.models import Motion, creep_step, duhem_change, known_terms, play_terms
 from truestroke.model.operators import dead_zone, dot, play
 
+AT_ITS_END = 0.999  # of its threshold: a play that is so far from the voltage moves with it
+
 
 def through_dead_zones(c: State, z: float) -> float:
     """(11) of a desired, (14) of a measured displacement; the settings hold the dead zones of the inverse."""
@@ -41,13 +43,13 @@ def slope_of_duhem(c: State, moved: float, up: bool) -> float:
 
 def behind_amplifier(c: State, memory: Memory, x: float) -> float:
     """The output of the amplifier after a tick with the voltage x, V."""
-    kept = c.members["dynamics.amplifier"]
+    kept = c.amplifier
     return float(x + kept * (memory.play[0] - x)) if kept > 0 else x
 
 
 def before_amplifier(c: State, memory: Memory, x: float) -> float:
     """The voltage for a tick after which the output of the amplifier is x, V."""
-    kept = c.members["dynamics.amplifier"]
+    kept = c.amplifier
     return float(x + kept / (1 - kept) * (x - memory.play[0])) if kept > 0 else x
 
 
@@ -58,6 +60,16 @@ def remember_voltage(c: State, memory: Memory, x: float) -> None:
     memory.duhem = memory.duhem + duhem_change(memory.duhem, before, x - before, c.duhem_lengths)
     memory.play = play(x, c.thresholds, memory.play)
     memory.ticks += 1
+
+
+def move_voltage(c: State, memory: Memory, to: float) -> None:
+    """The plays as if the voltage had been `to`, V, where it had to come to.
+
+    Those that move go with it, the others stay where they can.
+    """
+    before, r = float(memory.play[0]), c.thresholds
+    moves = ~(np.abs(memory.play - before) < AT_ITS_END * r)
+    memory.play = np.clip(memory.play + np.where(moves, to - before, 0.0), to - r, to + r)
 
 
 def regressor(c: State, memory: Memory, motion: Motion) -> FloatArray:
