@@ -312,9 +312,9 @@ def _drift_beside(bank: _Blocks, s: Structure, weights: Sequence[float], fixed: 
     """A structure with branches, with the drift of the zero, or the slower creep, that is found beside these.
 
     Where plays of the voltage alone miss the hysteresis by more than it, a drift is not seen, and creep that seems as
-    good beside them is not.
+    good beside them is not. From rest with given time constants no slower creep may be compared, and all stays.
     """
-    if fixed["drift"] is False:
+    if fixed["drift"] is False or (s.rested and fixed["creep_times"] is not None):
         return s
     still, creeps = _without_drift(bank.data, s, fixed)
     found = _with_drift(bank, still, creeps, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
