@@ -335,3 +335,17 @@ def test_they_are_chosen_beneath_noise_with_tails():
     found = identify((100.0 * v, z + 0.1 * rng.standard_t(3, t.size), 500.0))
     later = found.trace.held_out
     assert np.std(found.trace.predicted[later] - z[later]) < 0.06  # um; plays alone 0.13
+
+
+def test_a_drift_below_the_error_of_plays_alone_is_found_beside_branches():
+    """1 % of the stroke, where plays alone miss as much; the zero of both models is that at the end."""
+    rng = np.random.Generator(np.random.PCG64(4))
+    t = foreign.clock(30.0, 60.0)
+    v = foreign.wave(t, rng, 1.0)
+    z = 20 * (foreign.duhem(v) / np.ptp(foreign.duhem(v)) + 0.01 * t / t[-1]) + rng.normal(0, 0.004, t.size)
+    found = identify((100 * v, z, 60.0), delay=0.0)
+    assert found.model.branches is not None
+    assert found.model.drift == pytest.approx(0.2 / 30, rel=0.15)  # um/s
+    assert found.model.noise < 0.02  # 0.027 without it
+    late = z[-450:] - found.model.plain.predict(100 * v, 60.0)[-450:]
+    assert abs(np.mean(late)) < 0.04  # 0.067 with plays that know no drift

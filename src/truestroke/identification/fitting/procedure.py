@@ -74,7 +74,7 @@ def fit_samples(
     plain = fit_structure(fine, structure, weight, guess)
     compared = _behind(coarse, fine)
     stay = before is not None and before.model.branches is not None
-    fit, more = _branched(plain, fine, compared, structure, weight, stay) if fixed["branches"] else (plain, ())
+    fit, more = _branched(plain, fine, compared, fixed, stay) if fixed["branches"] else (plain, ())
     rate = float(np.diff(fit.drift(samples)[-2:])[0]) * s.sample_rate
     zero_moves = (more or tried)[-1].zero
     model = fit.model.replace(walk=zero_moves.walk, trend=zero_moves.trend, drift=rate)
@@ -130,15 +130,15 @@ def _is_late(both: Sequence[tuple[Data, _Chosen]], fixed: Mapping[str, Any]) -> 
     without, late = (chosen[-1][-1].rmse for _, chosen in both)
     if without >= late or not fixed["branches"]:
         return without >= NEITHER_IF * late
-    branched = [_with_any_branches(*each) for each in both]
+    branched = [_with_any_branches(*each, fixed) for each in both]
     if any(each.taken for each in branched):
         without, late = (each.least for each in branched)
     return without >= NEITHER_IF * late
 
 
-def _with_any_branches(data: Data, chosen: _Chosen, near: Fit | None = None) -> BranchChoice:
+def _with_any_branches(data: Data, chosen: _Chosen, fixed: Mapping[str, Any], near: Fit | None = None) -> BranchChoice:
     structure, weight, guess, _ = chosen
-    return choose_branches(data, structure, weight, _strain(data, structure, weight, near or guess))
+    return choose_branches(data, structure, weight, _strain(data, structure, weight, near or guess), fixed)
 
 
 def _behind(coarse: Data, fine: Data) -> Data:
@@ -149,18 +149,23 @@ def _behind(coarse: Data, fine: Data) -> Data:
 
 
 def _branched(
-    plain: Fit, fine: Data, compared: Data, s: Structure, weight: float, stay: bool
+    plain: Fit, fine: Data, compared: Data, fixed: Mapping[str, Any], stay: bool
 ) -> tuple[Fit, tuple[Tried, ...]]:
-    """The model with branches, if cross-validation asks for them, and what was compared; else the plain one."""
-    rows = fine.displacement.size / compared.displacement.size
-    taken = choose_branches(compared, s, weight / rows, plain.strain, stay=stay).taken
+    """The model with branches, if cross-validation asks for them, and what was compared; else the plain one.
+
+    What drifts beside the branches drifts beside the plays of its plain model, too.
+    """
+    rows, s, of_plain = fine.displacement.size / compared.displacement.size, plain.structure, plain.weight
+    taken = choose_branches(compared, s, of_plain / rows, plain.strain, fixed, stay=stay).taken
     if taken is None:
         return plain, ()
     structure, weight, tried = taken
+    without = dataclasses.replace(structure, branches=None)
+    beside = plain if without == s else fit_structure(fine, without, of_plain, plain.strain)
     fit = fit_structure(fine, structure, weight * rows, plain.strain)
-    if fit.model.noise > BRANCHES_GAIN * plain.model.noise:  # what was compared need not have an inverse
+    if fit.model.noise > BRANCHES_GAIN * beside.model.noise:  # what was compared need not have an inverse
         return plain, ()
-    return dataclasses.replace(fit, model=fit.model.replace(plain=plain.model)), tried
+    return dataclasses.replace(fit, model=fit.model.replace(plain=beside.model)), tried
 
 
 def _resonances(
@@ -191,7 +196,7 @@ def _resonances(
     behind = structure, weight, guess, more
     if more[-1].rmse > RESONATES * tried[-1].rmse:
         return None
-    if fixed["branches"] and _is_branches(static, chosen, data, behind, searches.last):
+    if fixed["branches"] and _is_branches(static, chosen, data, behind, searches.last, fixed):
         return None
     return dynamics, structure, weight, guess, (*tried, *more)
 
@@ -207,10 +212,12 @@ def _compared(static: Data, dynamics: Dynamics, chosen: _Chosen, near: Fit) -> t
     return with_this(data, structure, strain, weight), data, strain
 
 
-def _is_branches(static: Data, chosen: _Chosen, resonant: Data, behind: _Chosen, near: Fit) -> bool:
+def _is_branches(
+    static: Data, chosen: _Chosen, resonant: Data, behind: _Chosen, near: Fit, fixed: Mapping[str, Any]
+) -> bool:
     """Whether what looks like a mode behind plays is hysteresis of another kind: branches explain it as well."""
-    without = _with_any_branches(static, chosen, near)
-    return without.taken is not None and _with_any_branches(resonant, behind).least > RESONATES * without.least
+    without = _with_any_branches(static, chosen, fixed, near)
+    return without.taken is not None and _with_any_branches(resonant, behind, fixed).least > RESONATES * without.least
 
 
 class _Searches:

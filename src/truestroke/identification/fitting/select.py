@@ -256,9 +256,7 @@ def choose(data: Data, guess: FloatArray, fixed: Mapping[str, Any]) -> tuple[Str
     good = [entry for entry, score in zip(tried, scores, strict=True) if score <= ENOUGH_PLAYS * min(scores)]
     _, bank, full, _ = max(good, key=lambda entry: (len(entry[2].thresholds), -entry[0]))
     if drifts:
-        free = fixed["creep_times"] is None and fixed["drift"] is None
-        slow = free and full.rested and not begins_with_step(data.volts)  # whose rest is not in the record
-        creeps = dataclasses.replace(full, creep_times=_slower(data, full.creep_times)) if slow else full
+        creeps = _with_slower_creep(data, full, fixed)
         if creeps != full:
             bank = _blocks(data, dataclasses.replace(creeps, drift=drifts), guess)
         full = _with_drift(bank, full, creeps, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
@@ -293,6 +291,36 @@ def _with_drift(bank: _Blocks, s: Structure, creeps: Structure, weights: Sequenc
     return dataclasses.replace(s, drift=(best,))
 
 
+def _with_slower_creep(data: Data, s: Structure, fixed: Mapping[str, Any]) -> Structure:
+    """The structure with creep that is slower than the record, which may look like a drift; or the same."""
+    free = fixed["creep_times"] is None and fixed["drift"] is None
+    slow = free and s.rested and not begins_with_step(data.volts)  # whose rest is not in the record
+    return dataclasses.replace(s, creep_times=_slower(data, s.creep_times)) if slow else s
+
+
+def _without_drift(data: Data, s: Structure, fixed: Mapping[str, Any]) -> tuple[Structure, Structure]:
+    """The structure without a drift, or creep that is slower than the record and may be one; and with that creep.
+
+    A drift that plays alone have shown is not exchanged for creep: the second is the first.
+    """
+    free = fixed["creep_times"] is None and fixed["drift"] is None
+    still = dataclasses.replace(s, drift=(), creep_times=_within(data, s.creep_times) if free else s.creep_times)
+    return still, still if s.drift else _with_slower_creep(data, still, fixed)
+
+
+def _drift_beside(bank: _Blocks, s: Structure, weights: Sequence[float], fixed: Mapping[str, Any]) -> Structure:
+    """A structure with branches, with the drift of the zero, or the slower creep, that is found beside these.
+
+    Where plays of the voltage alone miss the hysteresis by more than it, a drift is not seen, and creep that seems as
+    good beside them is not. From rest with given time constants no slower creep may be compared, and all stays.
+    """
+    if fixed["drift"] is False or (s.rested and fixed["creep_times"] is not None):
+        return s
+    still, creeps = _without_drift(bank.data, s, fixed)
+    found = _with_drift(bank, still, creeps, weights, DRIFTS_IF if fixed["drift"] is None else np.inf)
+    return s if found == still and not s.drift else found
+
+
 class BranchChoice(NamedTuple):
     """What branches do for a structure.
 
@@ -308,24 +336,32 @@ class BranchChoice(NamedTuple):
     taken: tuple[Structure, float, tuple[Tried, ...]] | None
 
 
-def choose_branches(data: Data, s: Structure, weight: float, strain: FloatArray, *, stay: bool = False) -> BranchChoice:
+def choose_branches(
+    data: Data, s: Structure, weight: float, strain: FloatArray, fixed: Mapping[str, Any], *, stay: bool = False
+) -> BranchChoice:
     """The branches that predict later blocks better than the structure without.
 
     None where plays of the voltage alone are about as good, and where the rest of the record goes far beyond the
     voltages of these rows. `strain` is the prediction of the plays before dead time and lag, um. Where they may `stay`
-    a part of these rows has taken branches.
+    a part of these rows has taken branches. The drift of the zero is found anew beside the best of them.
     """
     if np.ptp(data.volts) < BRANCHES_WITHIN * np.ptp(data.voltage_range):
         return BranchChoice(np.inf, None)
     residual = (data.displacement - data.through(strain)[:: data.every])[data.fitted(rested=False)]
     noise, weights = float(np.var(residual)), [w * weight for w in WEAKER]
-    bank, tried = _with_branches(data, s, strain, KINDS, weights)
+    bank, tried = _with_branches(data, s, strain, KINDS, weights, fixed)
     of_sensor = noise_with_tails(residual)
     plain = min(bank.rmse(s, w) for w in weights)
+    best = min(tried, key=lambda entry: entry[0])[1]
+    moved = dataclasses.replace(_drift_beside(bank, best, weights, fixed), branches=None)
+    if moved != s:
+        s, choices = moved, [(dataclasses.replace(moved, branches=c.branches), w) for _, c, w, _ in tried]
+        tried = [(bank.rmse(choice, w), choice, w, bank) for choice, w in choices]
+        plain = min(plain, *(bank.rmse(s, w) for w in weights))
     enough, near = (_enough(plain, of_sensor, times) for times in (BRANCHES_STAY if stay else 1.0, FINER_IF))
     of_kinds = min(entry[0] for entry in tried)
     if of_kinds < near and _places_of_turns(data) >= FINER_TURNS:
-        tried += _with_branches(data, s, strain, FINER_KINDS, weights)[1]
+        tried += _with_branches(data, s, strain, FINER_KINDS, weights, fixed)[1]
     least = min(entry[0] for entry in tried)
     if least >= enough:
         return BranchChoice(of_kinds, None)
@@ -347,9 +383,14 @@ def _enough(plain: float, noise: float, times: float) -> float:
 
 
 def _with_branches(
-    data: Data, s: Structure, strain: FloatArray, kinds: Sequence[Kind], weights: Sequence[float]
+    data: Data,
+    s: Structure,
+    strain: FloatArray,
+    kinds: Sequence[Kind],
+    weights: Sequence[float],
+    fixed: Mapping[str, Any],
 ) -> tuple[_Blocks, list[tuple[float, Structure, float, _Blocks]]]:
-    """Rows for all these kinds of branches; and of each with each weight of the prior the rmse of cross-validation."""
+    """Rows for all these kinds of branches and any drift; and of each with each weight the rmse of cross-validation."""
     most = Branches(
         voltage_range=data.voltage_range,
         curves=max((curves for curves, _, _ in kinds), key=len),
@@ -357,7 +398,10 @@ def _with_branches(
         levels=max(levels for _, levels, _ in kinds),
         betas=max((betas for _, _, betas in kinds), key=len),
     )
-    bank = _blocks(data, dataclasses.replace(s, branches=most), strain)
+    creeps = _without_drift(data, s, fixed)[1].creep_times
+    times = s.creep_times if set(creeps) <= set(s.creep_times) else creeps
+    drifts = s.drift if fixed["drift"] is False else tuple(DRIFTS)
+    bank = _blocks(data, dataclasses.replace(s, creep_times=times, drift=drifts, branches=most), strain)
     choices = [
         dataclasses.replace(s, branches=dataclasses.replace(most, curves=curves, levels=levels, betas=betas))
         for curves, levels, betas in kinds
@@ -373,6 +417,11 @@ def _places_of_turns(data: Data) -> int:
     return len(set(np.clip((x[turns] - low) // width, 0, FINER - 1).tolist()))
 
 
+def _within(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:
+    """The time constants, s, that a third of the record has."""
+    return tuple(tau for tau in times if tau < data.volts.size / data.sample_rate / 3)
+
+
 def _slower(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:
     """The time constants, s, and slower ones, two a decade."""
     duration, slow = data.volts.size / data.sample_rate, times
@@ -383,8 +432,7 @@ def _slower(data: Data, times: tuple[float, ...]) -> tuple[float, ...]:
 
 def _with_all_terms(data: Data, fixed: Mapping[str, Any], states: Sequence[bool]) -> Iterator[Structure]:
     span = data.voltage_range[1] - data.voltage_range[0]
-    duration = data.volts.size / data.sample_rate
-    times = tuple(tau for tau in CREEP_TIMES if 1 / data.sample_rate < tau < duration / 3)
+    times = tuple(tau for tau in _within(data, CREEP_TIMES) if 1 / data.sample_rate < tau)
     if fixed["creep_times"] is not None:
         times = tuple(checks.positive("creep_times", tau, "s") for tau in fixed["creep_times"])
     if fixed["thresholds"] is not None:
