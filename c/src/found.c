@@ -205,10 +205,10 @@ static ts_real lag_of_amplifier(const ts_controller *c, ts_real frequency)
 /* What `lagged` has seen of the voltage behind a lag of so many ticks, V. */
 static ts_real behind_lag(const ts_controller *c, ts_real ticks)
 {
-    ts_real at = within(ticks * (2 * TS_PI * c->resonance.centre), LAGS[0], LAGS[TS_SLOWER - 1]);
+    ts_real radians = within(ticks * (2 * TS_PI * c->resonance.centre), LAGS[0], LAGS[TS_SLOWER - 1]);
     int i = 1;
-    while (i < TS_SLOWER - 1 && at > LAGS[i]) i++;
-    ts_real share = (at - LAGS[i - 1]) / (LAGS[i] - LAGS[i - 1]);
+    while (i < TS_SLOWER - 1 && radians > LAGS[i]) i++;
+    ts_real share = (radians - LAGS[i - 1]) / (LAGS[i] - LAGS[i - 1]);
     return c->slower[i - 1] + share * (c->slower[i] - c->slower[i - 1]);
 }
 
