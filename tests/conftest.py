@@ -137,12 +137,12 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def each_picture_once(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     """For tests that read the words of pages: what a process has drawn for one of them is made, but not drawn again.
 
-    A picture for light and for dark is one. Half of the time of a page is the drawing. Each kind of page has tests of
-    its own, which draw all of it.
+    A picture for light and for dark is one, and so is one with that for a phone. Half of the time of a page is the
+    drawing. Each kind of page has tests of its own, which draw all of it.
     """
     from truestroke.report import page, style
 
-    svg, save, folder = page.svg, style.save, tmp_path_factory.getbasetemp()
+    svgs, save, folder = page._svgs, style.save, tmp_path_factory.getbasetemp()
     drawn_before = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "drawn"  # by any process
     drawn_before.mkdir(exist_ok=True)
 
@@ -154,7 +154,7 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.
         return True
 
     def drawn(figure: Any, name: str, description: str) -> str:
-        return svg(figure, name, description) if first((name, description)) else f'<svg role="img" id="{name}"/>'
+        return svgs(figure, name, description) if first((name, description)) else f'<svg role="img" id="{name}"/>'
 
     def saved(figure: Any, path: str | Path, **options: Any) -> Path:
         if first(re.sub("-(light|dark)$", "", Path(path).stem)):
@@ -162,7 +162,7 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.
         Path(path).touch()
         return Path(path)
 
-    monkeypatch.setattr(page, "svg", drawn)
+    monkeypatch.setattr(page, "_svgs", drawn)
     monkeypatch.setattr(style, "save", saved)
 
 
