@@ -1,5 +1,6 @@
 """Noise of a signal between neighbouring samples."""
 
+import hashlib
 import math
 from collections.abc import Sequence
 from functools import lru_cache
@@ -11,6 +12,9 @@ from truestroke.base.typing import FloatArray
 SAMPLED = 200_000  # rows, evenly taken, that medians are formed of
 RAMP, ALIKE = 0.9, 0.02  # of the jumps, and of a jump: where so many are equal, they are those of a motion
 DIGITS_OF = 1000  # rows whose digits are counted
+ASKED_AGAIN = 8  # signals whose noise is kept: an examination asks ten times for that of two
+
+_kept: dict[bytes, float] = {}  # by what the blocks of the signal are, which are not kept
 
 
 def noise(signal: FloatArray, segments: Sequence[slice]) -> float:
@@ -20,18 +24,31 @@ def noise(signal: FloatArray, segments: Sequence[slice]) -> float:
     The median of |differences| is robust to the reversals and a few outliers. Noise that is slower than the samples,
     such as mains hum, is not in it. Nor is it less than that of rounding to the steps of a converter.
     """
-    blocks = _blocks(signal, segments)
+    blocks, span = _blocks(signal, segments), float(np.ptp(signal)) if signal.size else 0.0
+    which = hashlib.blake2b(repr((span, [block.size for block in blocks])).encode())
+    for block in blocks:
+        which.update(np.ascontiguousarray(block, dtype=np.float64).data)
+    if (key := which.digest()) not in _kept:
+        if len(_kept) >= ASKED_AGAIN:
+            _kept.clear()
+        _kept[key] = _noise(blocks, span)
+    return _kept[key]
+
+
+def _noise(blocks: Sequence[FloatArray], span: float) -> float:
+    """Of a signal of this span, in these blocks."""
     if not blocks:
         return 0.0
-    found = []
+    differences = [np.diff(block) for block in blocks]
+    jumps, found = np.abs(np.concatenate(differences)), []
     for order in range(2, 7):
-        differences = np.abs(np.concatenate([np.diff(block, order) for block in blocks]))
-        found.append(float(np.median(differences)) / 0.6745 / math.sqrt(math.comb(2 * order, order)))
-    jumps = np.abs(np.concatenate([np.diff(block) for block in blocks]))
+        differences = [np.diff(difference) for difference in differences]
+        middle = float(np.median(np.abs(np.concatenate(differences))))
+        found.append(middle / 0.6745 / math.sqrt(math.comb(2 * order, order)))
     most = np.median(jumps)
-    if most > 1e-9 * np.ptp(signal) and np.mean(np.abs(jumps - most) <= ALIKE * most) > RAMP:
+    if most > 1e-9 * span and np.mean(np.abs(jumps - most) <= ALIKE * most) > RAMP:
         return min(found)
-    return max(min(found), _step(jumps[jumps > 1e-9 * np.ptp(signal)]) / math.sqrt(12))
+    return max(min(found), _step(jumps[jumps > 1e-9 * span]) / math.sqrt(12))
 
 
 def noise_with_tails(signal: FloatArray) -> float:
