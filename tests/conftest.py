@@ -155,7 +155,10 @@ def each_picture_once(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.
         return True
 
     def drawn(figure: Any, name: str, description: str) -> str:
-        return svgs(figure, name, description) if first((name, description)) else f'<svg role="img" id="{name}"/>'
+        if first((name, description)):
+            return svgs(figure, name, description)
+        names = (name, f"{name}-phone") if figure.get_figwidth() > style.PHONE else (name,)
+        return "".join(f'<svg role="img" id="{one}"/>' for one in names)
 
     def saved(figure: Any, path: str | Path, **options: Any) -> Path:
         if first(re.sub("-(light|dark)$", "", Path(path).stem)):
