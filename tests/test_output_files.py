@@ -74,6 +74,7 @@ def test_an_output_may_end_as_its_recording_does() -> None:
         Path(f"out{ending}").unlink()
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_overwrite_says_that_it_may_go_and_what_is_ours_may_always() -> None:
     Path("out.html").write_text("<p>precious</p>")
     words = ["track", "--duration", "0.5", "--output", "out"]

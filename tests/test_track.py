@@ -2,12 +2,15 @@
 
 import json
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import truestroke
 from truestroke import Dynamics, Mode
 from truestroke.cli import main
+from truestroke.control.baselines import ConstantGain
+from truestroke.studies import tracking
 
 RASTER = ("track", "--trajectory", "raster", "--frequency", "60", "--peak-to-peak", "15", "--duration", "1", "--json")
 
@@ -59,3 +62,16 @@ def test_a_long_run_says_before_it_begins_how_long_it_takes(tmp_path, monkeypatc
     monkeypatch.setattr(truestroke, "run", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
     result = CliRunner().invoke(main, ["track", "--duration", "2500", "--output", str(tmp_path / "x")])
     assert "5e+06 ticks take about 35 s." in result.stderr
+
+
+@pytest.mark.parametrize(("kind", "change_at"), [("realistic", 0.3), ("matched", 0.3), ("stage", None)])
+def test_what_a_line_makes_of_the_motion_has_the_bits_of_its_run(kind, change_at, monkeypatch):
+    monkeypatch.setattr(tracking, "BLOCK", 700)
+    rate = tracking.STAGE_RATE if kind == "stage" else 2000.0
+    wave = truestroke.trajectories.random_wave(duration=0.75, sample_rate=rate, peak_to_peak=25.0)
+    plant = tracking.plant(kind, wave, 3, change_at)
+    first = truestroke.run(wave, ConstantGain(tracking.SENSITIVITY, tracking.VOLTAGE_LIMITS), plant)
+    shown = tracking.with_uncompensated(first, wave, plant)["uncompensated"]
+    offset, gain = np.polynomial.Polynomial.fit(first["volts"], first["true"], 1).convert().coef
+    line = ConstantGain(float(gain), tracking.VOLTAGE_LIMITS, offset=float(offset))
+    assert shown.tobytes() == truestroke.run(wave, line, plant)["true"].tobytes()

@@ -578,6 +578,7 @@ def test_a_sample_rate_that_is_no_number_is_refused_beside_time_stamps(folder):
         read_scan_record(folder / "volts.csv", sample_rate=float("nan"))
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_gsf_is_said_to_hold_the_trace_alone(folder, tmp_path):
     files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gsf"]
     code, text = run(folder / "scan.gwy", "--model", DAY_BEFORE, *files)
@@ -585,6 +586,7 @@ def test_a_gsf_is_said_to_hold_the_trace_alone(folder, tmp_path):
     assert "a .gsf holds one image, here height, trace" in " ".join(text.split())
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder, tmp_path):
     files = ["--record", folder / "plain.csv", "--lines", folder / "lines.csv", "--output", tmp_path / "new.gwy"]
     given = [folder / "scan.gwy", "--model", DAY_BEFORE, *files]
@@ -595,6 +597,7 @@ def test_without_a_model_of_the_slow_axis_it_is_said_not_to_be_corrected(folder,
     assert "slow axis" not in run(*given, "--model-y", DAY_BEFORE, "--force")[1]
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_a_model_of_both_axes_is_warned_of_once(folder, tmp_path):
     model = tmp_path / "model.toml"
     about = Verdict("doubtful", ("It was hot.",)).entries
@@ -621,6 +624,7 @@ def test_a_file_of_another_kind_is_refused_with_what_to_do(folder, tmp_path, nam
     )
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_takes_one_of_several_signals(folder, shown, tmp_path):
     several = [*shown.values(), dataclasses.replace(shown["trace"], name="phase, trace")]
     scans.save_images(tmp_path / "several.gwy", several)
@@ -633,6 +637,7 @@ def test_the_command_takes_one_of_several_signals(folder, shown, tmp_path):
     assert [image.name for image in scans.read_images(tmp_path / "new.gwy")] == ["height, trace", "height, retrace"]
 
 
+@pytest.mark.usefixtures("each_picture_once")
 def test_the_command_reads_a_trigger_and_names_one_that_is_missing(folder, tmp_path):
     common = [folder / "scan.gwy", "--model", DAY_BEFORE, "--output", tmp_path / "new.gwy"]
     code, text = run(*common, "--record", folder / "volts.csv")

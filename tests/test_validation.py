@@ -2,13 +2,14 @@
 
 import dataclasses
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
 from benchmarks import foreign_records
 
 from truestroke import trajectories
-from truestroke.identification import Record, examine, identify, load_model, save_model
+from truestroke.identification import Findings, Record, examine, identify, load_model, save_model
 from truestroke.identification.fitting.uncertainty import autocorrelation
 from truestroke.identification.held_out.changed import change
 from truestroke.identification.held_out.jump import jump
@@ -27,8 +28,20 @@ PREDICTED = 7 * X + 5 * play_history(X, (0.3,))[:, 0]
 NOISE = np.random.Generator(np.random.PCG64(1)).normal(0.0, 0.01, X.size)  # um, of a stroke of 40
 
 
+@cache
+def of_noise() -> Findings:
+    """Of a record of the prediction and the sensor's noise; several tests begin with it."""
+    return examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+
+
 def judged(error: np.ndarray, volts: np.ndarray = X) -> tuple[Evidence, tuple[str, ...], str]:
-    """Of a model, where the truth differs from its prediction by `error`, um, and the sensor's noise."""
+    """Of a model, where the truth differs from its prediction by `error`, um, and the sensor's noise; made once."""
+    return _judged(error.tobytes(), volts.tobytes())
+
+
+@cache
+def _judged(of_error: bytes, of_volts: bytes) -> tuple[Evidence, tuple[str, ...], str]:
+    error, volts = np.frombuffer(of_error), np.frombuffer(of_volts)
     z = PREDICTED + error + NOISE
     held = T >= 12.0
     taken = {"time": T, "volts": volts, "displacement": z, "known": np.ones(T.size, dtype=bool), "sample_rate": RATE}
@@ -226,7 +239,7 @@ def test_an_error_beyond_the_fitted_range_is_no_verdict_on_a_model_that_fits_all
     beyond: float, left: float, level: str
 ) -> None:
     """Sines whose height grows in steps: the held-out part is beyond the fitted one, but not beyond the record."""
-    found, findings = judged(CAUSES["time"])[0], examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    found, findings = judged(CAUSES["time"])[0], of_noise()
     large = {"over_noise": 200.0, "over_fitted": 40.0, "time": 0.0}
     found = dataclasses.replace(found, **large, range_beyond=beyond, residual_percent=left)
     said = verdict(found, HeldOut(2.8, 5.0, 7.0, 12.0, 8000, 0.6), findings)
@@ -256,7 +269,7 @@ def test_an_error_from_the_first_voltage_on_that_was_not_fitted(fitted_from: flo
 @pytest.mark.parametrize(("slow", "level"), [(0.99, "doubtful"), (0.5, "bad")])
 def test_a_zero_that_drifts_does_not_make_the_motion_bad(slow: float, level: str) -> None:
     """6 % of error of which next to all is slow: without it 0.6 %."""
-    found, findings = judged(CAUSES["time"])[0], examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    found, findings = judged(CAUSES["time"])[0], of_noise()
     found = dataclasses.replace(found, over_noise=200.0, over_line=2.0, time=slow)
     said = verdict(found, HeldOut(2.4, 5.0, 6.0, 12.0, 8000, 0.6), findings)
     assert said.level == level
@@ -266,7 +279,7 @@ def test_a_zero_that_drifts_does_not_make_the_motion_bad(slow: float, level: str
 
 
 def test_a_figure_of_a_model_with_branches_is_not_that_of_one_without() -> None:
-    findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    findings = of_noise()
     found, good = judged(np.zeros(T.size))[0], HeldOut(0.01, 0.03, 0.025, 0.1, 8000, 0.95)
     assert verdict(found, good, findings).level == "good"
     said = verdict(found, good, findings, part_branches=True)
@@ -405,7 +418,7 @@ def test_few_decays_of_a_mode_decide_its_damping(damping: float, level: str) -> 
 
 
 def test_a_range_that_is_reached_late_is_the_reason() -> None:
-    findings = examine(Record.from_arrays(X, PREDICTED + NOISE, sample_rate=RATE))
+    findings = of_noise()
     found = dataclasses.replace(judged(0.02 * (T - 6.0))[0], over_fitted=3.0, range_beyond=0.0, speed_beyond=0.0)
     error = HeldOut(0.1, 0.3, 0.25, 0.0, 8000, 0.95)
     late = dataclasses.replace(findings, states_known_s=9.0)

@@ -123,5 +123,4 @@ def _run(
     recording = results.recorded(
         "tracking", lambda tell: truestroke.run(trajectory, controller, plant, progress=tell), file
     )
-    with common.stoppable():
-        return tracking.with_uncompensated(recording, trajectory, plant)
+    return tracking.with_uncompensated(recording, trajectory, plant)

@@ -332,7 +332,7 @@ class ResonanceEstimator:
         self._tone = ToneDetector(self.centre)
 
     def _count(self, x: FloatArray, error: float) -> None:
-        x = np.append(x - self._first, 1.0 if self.ticks == 0 else 0.0)  # and a single sample
+        x = np.concatenate([x - self._first, [1.0 if self.ticks == 0 else 0.0]])  # and a single sample
         z, before = float(x[SHOWN]), self._before
         fourth = z - 4 * before[0] + 6 * before[1] - 4 * before[2] + before[3]
         self._before = [z, *before[:3]]
@@ -347,7 +347,7 @@ class ResonanceEstimator:
         if self.ticks < self._settling:  # what noise makes of the products is over when the band has settled
             self._of_noise = self._of_noise + np.outer(of_both[:, 1], of_both[:, 1])
             return
-        v = np.append(plays, of_both[:, 0])
+        v = np.concatenate([plays, of_both[:, 0]])
         self._sum = self._sum + np.outer(v, v)
         self._error += error * error
         self._fourth += abs(fourth)

@@ -70,9 +70,11 @@ class ToneDetector:
         cosine, sine = self._turn
         x, y = cosine * cosine - sine * sine, 2 * cosine * sine  # twice the angle,
         in_phase, behind = (x * x - y * y) * error, -(2 * x * y) * error  # and four times
-        for total, weight in zip(self._sums, (1 - cosine, 1 + cosine), strict=True):
-            total[0] += weight * in_phase
-            total[1] += weight * behind
+        now, between = self._sums
+        now[0] += (1 - cosine) * in_phase
+        now[1] += (1 - cosine) * behind
+        between[0] += (1 + cosine) * in_phase
+        between[1] += (1 + cosine) * behind
         step = self._step
         self._turn = cosine * step[0] - sine * step[1], cosine * step[1] + sine * step[0]
         self._follow_turns(zdot_d)

@@ -237,8 +237,9 @@ def limit_slopes(slopes: FloatArray, limits: tuple[float, float]) -> tuple[Float
     (array([4.  , 0.25, 2.  ]), True)
     """
     low, high = limits
-    within = np.where(slopes >= low, np.minimum(slopes, high), low)
-    return within, bool((within != slopes).any())
+    values = slopes.tolist()  # plain floats: each tick has few
+    within = [min(slope, high) if slope >= low else low for slope in values]
+    return np.array(within), within != values
 
 
 # ---- Terms of the regressor --------------------------------------------------------------------------------------
@@ -306,10 +307,12 @@ def duhem_change(c: FloatArray, before: float, moved: float, lengths: FloatArray
     >>> duhem_change(np.array([0.0, 1.0]), 0.0, 1.0, np.array([1.0, 4.0])).round(3)
     array([ 0.3 , -0.11])
     """
-    way = np.minimum(abs(moved) / lengths, FAR)
-    grown = way + way * way / 2
-    change: FloatArray = grown / (1 + grown) * (before + moved / 2 - c)
-    return change
+    middle, changes = before + moved / 2, []
+    for state, length in zip(c.tolist(), lengths.tolist(), strict=True):  # few: plain floats are sooner there
+        way = min(abs(moved) / length, FAR)
+        grown = way + way * way / 2
+        changes.append(grown / (1 + grown) * (middle - state))
+    return np.array(changes)
 
 
 def asymmetry_terms(z_d: float | FloatArray, stroke: float) -> tuple[FloatArray, FloatArray]:
@@ -394,7 +397,7 @@ def known_terms(
         "inertia": [motion.zddot_d],
         "offset": [1.0] if one_tick else [np.ones_like(motion.z_d)],
         "asymmetry": asymmetry_terms(motion.z_d + motion.ahead, stroke) if counts["asymmetry"] else (),
-        "duhem": () if duhem is None else duhem,
+        "duhem": () if duhem is None else duhem.tolist() if one_tick else duhem,
         "coupling": others[0],
         "coupling_lag": others[1],
         "coupling_inertia": others[2],

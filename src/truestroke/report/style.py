@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -441,9 +443,14 @@ def _length(text: Text) -> float:
 
 def _width(words: str, letters: Text) -> float:
     """In, of words in such letters."""
-    lines = words.splitlines() or [""]
     font = letters.get_fontproperties()
-    return max(text_to_path.get_text_width_height_descent(one, font, is_math_text(one))[0] for one in lines) / 72
+    return max(_width_of_line(one, font) for one in words.splitlines() or [""]) / 72
+
+
+@lru_cache(maxsize=2000)  # the labels of ticks are asked for again and again while the panels find their places
+def _width_of_line(line: str, font: FontProperties) -> float:
+    """Points."""
+    return float(text_to_path.get_text_width_height_descent(line, font, is_math_text(line))[0])
 
 
 def zero(axes: Axes, theme: Theme) -> None:
