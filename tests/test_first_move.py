@@ -31,6 +31,12 @@ def test_a_stage_that_rings_in_the_first_move_is_calmed_while_its_gain_is_learne
     assert largest_error(number, 0.1, False, wide) < most
 
 
+@pytest.mark.parametrize("number", [5218, 5222, 5223])
+def test_a_first_move_with_f0_given_does_not_wait_with_the_gain(number: int) -> None:
+    """Limits five times too wide, half of the travel within 30 ms: 325 to 349 % while learning waited a period."""
+    assert largest_error(number, 0.03, True, 5.0) < 60
+
+
 def test_kernel_and_text_in_a_first_move_with_limits_that_are_too_wide() -> None:
     """The gain is learned in the pause, and what follows from it: to the last bit; the sensor is not zeroed."""
     (bottom, top), (stage, _) = travel(sampled(5209)[0]), sampled(5209)

@@ -507,7 +507,8 @@ typedef struct {
     ts_real tap[TS_TAPS - 1][TS_PADDED(TS_MAX_LEARNED)]; /* of A G, which the regressor passes */
     ts_real rest[TS_SECTIONS][2][TS_PADDED(TS_MAX_LEARNED)];
     uint64_t ticks;                   /* whose measurement is in them */
-    bool started;                     /* the regressor has passed */
+    bool started;                     /* the regressor has passed; */
+    bool stands;                      /* until then the notch is at rest, as at the start */
 } ts_dynamics_state;
 
 /* ---- Inertia that is measured --------------------------------------------------------------------------------------- */

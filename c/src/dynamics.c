@@ -41,7 +41,7 @@ ts_real ts_notched(ts_controller *c, ts_real z)
     ts_dynamics_state *d = &c->dynamics;
     /* At rest before the first regressor: noise of which a part alone went into the law's filters would be a jump, thousands of times
      * as large where f0 is far below the sample rate. */
-    bool rests = c->lagged.ticks == 0;
+    bool rests = c->lagged.ticks == 0 || d->stands;
     if (rests) d->z[0] = d->z[1] = z;
     ts_real y = g->notch[0] * z + g->notch[1] * d->z[0] + g->notch[2] * d->z[1];
     d->z[1] = d->z[0];
@@ -120,6 +120,7 @@ void ts_pass_stage(ts_controller *c, ts_real *u)
     ts_dynamics_state *d = &c->dynamics;
     if (!d->started) rest_stage(c);
     d->started = true;
+    d->stands = false;
     pass_taps(g->tap, d->tap, c->u, u, TS_PADDED(c->parameters));
     for (int k = 0; k < g->others; k++) pass_section(g->rest[k], d->rest[k], c->u, u, TS_PADDED(c->parameters));
 }

@@ -315,7 +315,7 @@ void ts_adopt_stage(ts_controller *c, ts_real frequency, ts_real ringing, const 
     else if (slow > 0) restate(c, 1, 0, left);
     if (slow > 0) begin_amplifier(c, slow);
     left = within(left + slow * s->oscillation.tick, -TS_LARGEST, TS_LARGEST);
-    d->started = false;
+    d->started = d->stands = false;
     d->innovation[0] = d->innovation[1] = 0;
     for (int i = 0; i < 2; i++) /* it rings on */
         d->section[0][i] = d->z[i] - c->found.direct[0] * strain_of(c, c->found.dead + 1 + i);
@@ -352,7 +352,7 @@ static void return_to_given(ts_controller *c)
         d->mode[i][0] = (q[1] - q[3]) * d->z[0] + d->mode[i][1];
     }
     d->innovation[0] = d->innovation[1] = 0;
-    d->started = c->law.kalman.started = false;
+    d->started = d->stands = c->law.kalman.started = false;
 }
 
 /* The stage according to the settings. */
@@ -608,5 +608,9 @@ void ts_watch_resonance(ts_controller *c, ts_real z, ts_real error, const ts_mot
     bool takes = !assumes && shows_rest(c);
     if (!c->found.known && (!assumes || c->guard.kept)) doubt_learned(c, c->stage.resonance); /* at the start nothing is learned */
     ts_adopt_stage(c, c->stage.resonance, assumes ? 0 : root_of(r->power), takes ? &c->candidate : NULL);
+    if (assumes && !c->guard.kept) { /* at the start it rests where it is, and learning does not wait */
+        c->dynamics.stands = true;
+        ts_kalman_start_filters(&c->law.kalman, c->parameters);
+    }
     if (!assumes && search.burst > 0 && r->power > search.burst) c->stage.before.growth.late = 1; /* a burst excites the second mode, too */
 }

@@ -187,6 +187,7 @@ template <typename Controller, typename Visit> void each_array(Controller &c, Vi
         visit("stage_innovation", &d.innovation[0], 2);
         visit("stage_ticks", &d.ticks, 1);
         visit("stage_started", &d.started, 1);
+        visit("stage_stands", &d.stands, 1);
         for (int i = 0; i < TS_TAPS - 1; i++) visit(("stage_tap_" + std::to_string(i)).c_str(), &d.tap[i][0], m);
         for (int i = 0; i < 2 * c.settings->dynamics.others; i++)
             visit(("stage_rest_" + std::to_string(i)).c_str(), &d.rest[i / 2][i % 2][0], m);

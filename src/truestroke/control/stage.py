@@ -529,6 +529,10 @@ class Stage:
             x[1] = (b2 - a2) * z[0]
             x[0] = (b1 - a1) * z[0] + x[1]
 
+    def stand(self) -> None:
+        """Until the first regressor it is at rest, as at the start."""
+        self._rests = True
+
     def _strain(self, back: int) -> float:
         """So many ticks before the one that is measured next; at rest before the first one. um."""
         return self.strain[max(self.ticks - back, 0)]

@@ -610,6 +610,9 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
         doubt_learned(c, law, frequency)
     ringing = 0.0 if assumes else math.sqrt(c.estimator.power)
     adopt_stage(c, law, frequency, ringing, c.candidate if takes else None)
+    if assumes and not guard.kept and c.path is not None:  # at the start learning does not wait
+        c.path.stand()
+        law.start_filters()
     if c.stage.growth is not None and not assumes and 0 < burst < c.estimator.power:
         c.stage.growth.late = True  # a burst excites the second mode, too
 
