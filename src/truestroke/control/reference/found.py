@@ -318,9 +318,9 @@ def lag_of_amplifier(c: State, frequency: float) -> float:
 
 def behind_lag(c: State, ticks: float) -> float:
     """What `lagged` has seen of the voltage behind a lag of so many ticks, V."""
-    at = min(max(ticks * (2 * math.pi * c.estimator.centre), LAGS[0]), LAGS[-1])
-    i = next((i for i in range(1, len(LAGS) - 1) if not at > LAGS[i]), len(LAGS) - 1)
-    share = (at - LAGS[i - 1]) / (LAGS[i] - LAGS[i - 1])
+    radians = min(max(ticks * (2 * math.pi * c.estimator.centre), LAGS[0]), LAGS[-1])
+    i = next((i for i in range(1, len(LAGS) - 1) if not radians > LAGS[i]), len(LAGS) - 1)
+    share = (radians - LAGS[i - 1]) / (LAGS[i] - LAGS[i - 1])
     return c.slower[i - 1] + share * (c.slower[i] - c.slower[i - 1])
 
 
@@ -589,9 +589,8 @@ def watch_resonance(c: State, z: float, error: float, zdot_d: float, path: Stage
     if unknown:
         try_candidate(c, z, zdot_d)
     steady = STEADY_BESIDE_GIVEN if c.is_given and guard.error < NOT_URGENT else STEADY_TONE
-    least = span, highest_first(c), burst
-    driven = DRIVEN_ALONE if path is None else 1.0
-    known = c.estimator.update(tick, before, z, error, *motion, *least, expected, powers, steady, driven)
+    search, driven = (span, highest_first(c), burst), DRIVEN_ALONE if path is None else 1.0
+    known = c.estimator.update(tick, before, z, error, *motion, *search, expected, powers, steady, driven)
     c.rate = zdot_d
     if unknown and c.estimator.ticks == 0:
         c.candidate.end(tick)
